@@ -1,0 +1,83 @@
+"""What a cue hands to a tracker: position estimates of people with honest covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Optional, Tuple
+
+import numpy as np
+
+XY_OBSERVED = (True, True, False)
+XYZ_OBSERVED = (True, True, True)
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """How far a planar sensor could see in each direction, so that a tracker knows what a missing detection means.
+
+    Attributes:
+        position: (2,) sensor in the measurement's frame, metres.
+        yaw: direction of the sensor's x axis in that frame, radians.
+        angle_min, angle_increment: directions of `ranges` in the sensor, radians.
+        ranges: (B,) metres that were seen through before something was hit; NaN where the beam gave no information.
+        range_max: beyond this nothing is seen, metres.
+    """
+
+    position: np.ndarray
+    yaw: float
+    angle_min: float
+    angle_increment: float
+    ranges: np.ndarray
+    range_max: float
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """All detections that one cue made in one sensor message. N may be 0: to have seen nobody is information.
+
+    Attributes:
+        stamp_ns: acquisition time of the sensor message.
+        cue: unique name of the cue, e.g. ``"scan_front"``; reliability and rate are kept by cue.
+        modality: kind of the cue, e.g. ``"legs"``.
+        frame_id: frame of everything below; a cue gives its sensor's frame, a tracker gets its tracking frame.
+        positions: (N, 3) metres. An axis that is not observed holds a nominal value.
+        covariances: (N, 3, 3) m^2, errors that are fresh in each measurement. Zero on axes that are not observed.
+        confidences: (N,) in [0, 1], probability that the detection is a person as far as the cue can tell.
+        observed: which axes of positions the sensor observes.
+        period_s: time between this cue's measurements, seconds.
+        sequence: counts the cue's measurements; orders equal stamps.
+        shared_jacobians: (N, 3, 6) of the position with respect to the pose error that all detections share (its axes:
+            x y z rotX rotY rotZ, see core.poses), or None where there is none.
+        shared_covariance: (6, 6) of that slowly varying pose error, or None.
+        sight: what the sensor could see, or None where the cue cannot tell.
+        points: (P, 2) sensor points that the detections are made of, for rviz and for weighing particles.
+        point_labels: (P,) index of the leg that a point belongs to.
+        legs: (L, 2) centres of the legs.
+        leg_owners: (L,) index of the detection that a leg belongs to.
+    """
+
+    stamp_ns: int
+    cue: str
+    modality: str
+    frame_id: str
+    positions: np.ndarray
+    covariances: np.ndarray
+    confidences: np.ndarray
+    observed: Tuple[bool, bool, bool] = XYZ_OBSERVED
+    period_s: float = 0.1
+    sequence: int = 0
+    shared_jacobians: Optional[np.ndarray] = None
+    shared_covariance: Optional[np.ndarray] = None
+    sight: Optional[Sight] = None
+    points: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    point_labels: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
+    legs: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    leg_owners: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    @property
+    def order(self) -> Tuple[int, str, int]:
+        """Sort key: total order over all measurements of all cues, independent of arrival."""
+        return (self.stamp_ns, self.cue, self.sequence)

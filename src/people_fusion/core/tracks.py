@@ -1,0 +1,47 @@
+"""What a tracker gives: the people at one instant, as arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """All tracks at one stamp in one frame.
+
+    Attributes:
+        stamp_ns: instant that means and covariances hold for.
+        frame_id: frame of means and covariances.
+        ids: (T,) int64, never reused in a session.
+        means: (T, D) x y z vx vy (D = 5) or x y z vx vy vz (D = 6); position of the head, metres and metres a second.
+        covariances: (T, D, D).
+        existence: (T,) in [0, 1], probability or confidence that the track is a person.
+        confirmed: (T,) bool, whether the track is reported as a person.
+        matched: (T,) bool, whether the newest measurement was assigned to the track.
+        occluded: (T,) bool, whether the newest measurement's sensor could not see the track.
+        ages_s: (T,) seconds since the track's first measurement.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    ids: np.ndarray
+    means: np.ndarray
+    covariances: np.ndarray
+    existence: np.ndarray
+    confirmed: np.ndarray
+    matched: np.ndarray
+    occluded: np.ndarray
+    ages_s: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def select(self, mask: np.ndarray) -> Tracks:
+        """The tracks for which `mask` (T,) holds."""
+        rows = {
+            name: getattr(self, name)[mask]
+            for name in ("ids", "means", "covariances", "existence", "confirmed", "matched", "occluded", "ages_s")
+        }
+        return Tracks(self.stamp_ns, self.frame_id, **rows)

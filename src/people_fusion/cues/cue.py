@@ -1,0 +1,49 @@
+"""The contract of all cues: sensor data in, Measurement out."""
+
+from __future__ import annotations
+
+import abc
+from typing import Any, ClassVar, Optional
+
+from people_fusion.core.grids import OccupancyGrid
+from people_fusion.core.measurements import Measurement
+from people_fusion.core.registry import Registry
+from people_fusion.core.transforms import FramesConfig, TransformSource
+
+
+class Cue(abc.ABC):
+    """Turns one sensor's messages into measurements.
+
+    A cue is called from one thread, message by message, never blocks and reads no clock. Whoever feeds it (a node, a
+    replay) has waited until the transforms that `measure` asks for are there.
+
+    Args (of every cue's constructor):
+        config: its frozen config dataclass.
+        name: unique name of this instance, becomes Measurement.cue.
+        frames: names of the robot's frames.
+    """
+
+    modality: ClassVar[str]
+    name: str
+
+    @abc.abstractmethod
+    def measure(self, data: Any, transforms: Optional[TransformSource]) -> Measurement:
+        """Measurement of one sensor message, in the sensor's frame at the message's stamp.
+
+        Args:
+            data: core type of the sensor, e.g. Scan.
+            transforms: for background subtraction and de-skewing; None where the recording has none.
+
+        Raises:
+            DataError: the message is unusable; the caller counts it and goes on. The cue's state is unharmed.
+            TransformUnavailable: a transform that is needed for this message is not there.
+        """
+
+    def set_map(self, grid: Optional[OccupancyGrid]) -> None:
+        """A new map of the static surroundings, or none."""
+
+    def reset(self) -> None:
+        """Forget all that was measured: time has jumped."""
+
+
+CUES: Registry[Cue] = Registry("cue", "people_fusion.cues.legs")
