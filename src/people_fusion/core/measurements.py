@@ -30,6 +30,35 @@ class Sight:
     ranges: np.ndarray
     range_max: float
 
+    def visible(self, points: np.ndarray, half_width_m: float, depth_m: float) -> np.ndarray:
+        """(T,) share in [0, 1] of each person that the sensor saw or looked through.
+
+        A direction without information counts as not seen: absence of evidence is none of absence.
+
+        Args:
+            points: (T, 2) where people are believed to be, in the measurement's frame.
+            half_width_m: half the width of what the sensor would see of a person.
+            depth_m: a beam that ends less than this before a person's middle has hit the person.
+        """
+        if len(points) == 0 or len(self.ranges) == 0:
+            return np.zeros(len(points))
+        to_point = points - self.position
+        distance = np.hypot(to_point[:, 0], to_point[:, 1])
+        bearing = np.arctan2(to_point[:, 1], to_point[:, 0]) - self.yaw
+        half_angle = np.arctan2(half_width_m, np.maximum(distance, half_width_m))
+        angles = bearing[:, None] + half_angle[:, None] * _ACROSS - self.angle_min
+        # Count angles from the scan's first beam in its own direction of turning.
+        turn = 2.0 * np.pi
+        beams = np.rint((angles * np.sign(self.angle_increment) % turn) / abs(self.angle_increment)).astype(int)
+        inside = beams < len(self.ranges)
+        reach = self.ranges[np.where(inside, beams, 0)]
+        with np.errstate(invalid="ignore"):
+            seen = inside & (reach >= distance[:, None] - depth_m)
+        return np.where(distance <= self.range_max, seen.mean(axis=1), 0.0)
+
+
+_ACROSS = np.linspace(-1.0, 1.0, 7)
+
 
 @dataclass(frozen=True, eq=False)
 class Measurement:

@@ -1,0 +1,216 @@
+"""The whole path from measurements in sensor frames to tracks in the world: transforms, buffer, tracker.
+
+The same object runs in the tracker node, in the composed node, in a replay and in tests.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Dict, Mapping, Optional, Union
+
+import numpy as np
+
+from people_fusion.core.config import component, load_yaml, merge, parameter, parse, section
+from people_fusion.core.errors import ConfigError, TransformUnavailable
+from people_fusion.core.grids import OccupancyGrid
+from people_fusion.core.measurements import Measurement
+from people_fusion.core.resources import directory
+from people_fusion.core.tracks import Tracks
+from people_fusion.core.transforms import (
+    FramesConfig,
+    TransformsConfig,
+    TransformSource,
+    UncertainTransform,
+    UncertainTransforms,
+)
+from people_fusion.cues.cue import CUES
+from people_fusion.cues.legs.legs import LegCueConfig
+from people_fusion.tracking.buffer import BUFFERS
+from people_fusion.tracking.buffers.reprocess import ReprocessConfig
+from people_fusion.tracking.tracker import TRACKERS
+from people_fusion.tracking.trackers.kalman import KalmanConfig
+
+TREATMENTS = ("output", "white", "consider", "none")
+
+
+@dataclass(frozen=True)
+class FusionConfig:
+    """A preset: everything between sensor messages and tracks."""
+
+    frames: FramesConfig = section(FramesConfig, "names of the robot's frames")
+    transforms: TransformsConfig = section(TransformsConfig, "uncertainty of the transforms")
+    localisation: str = parameter(
+        "output",
+        "where the localisation's error goes: `output`: track in the odometry frame, add it on output; `white`: into "
+        "each measurement as if it were fresh; `consider`: a Schmidt-Kalman state; `none`: nowhere",
+        choices=TREATMENTS,
+    )
+    leg_cue: object = component(CUES, LegCueConfig, "how legs are found in a scan")
+    buffer: object = component(BUFFERS, ReprocessConfig, "what happens to late measurements")
+    tracker: object = component(TRACKERS, KalmanConfig, "the tracker")
+
+
+def load_config(
+    preset: Union[str, Path, None] = None, overrides: Optional[Mapping[str, Any]] = None
+) -> FusionConfig:
+    """A preset with overrides laid over it.
+
+    Args:
+        preset: YAML file, or the name of one in config/ ("default", "poschmann_t1", "volkhardt"); None is "default".
+        overrides: nested mapping.
+
+    Raises:
+        ConfigError: names the file, or the full path of the parameter that is refused.
+    """
+    path = Path(preset or "default")
+    if not path.is_file() and path.suffix == "" and len(path.parts) == 1:
+        path = directory("config") / f"{path}.yaml"
+    mapping = merge(load_yaml(path) or {}, overrides or {})
+    try:
+        return parse(FusionConfig, mapping)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+
+
+class Fusion:
+    """Measurements in, tracks out. One thread; no clock but the stamps that it is given."""
+
+    def __init__(self, config: FusionConfig, source: TransformSource) -> None:
+        self.config = _with_shared_error(config)
+        self.transforms = UncertainTransforms(source, config.frames, config.transforms)
+        self.tracker = TRACKERS.build(self.config.tracker)
+        self.buffer = BUFFERS.build(self.config.buffer, tracker=self.tracker)
+        self._counts: Counter = Counter()
+        self._world_from_tracking: Optional[UncertainTransform] = None
+
+    @property
+    def tracking_frame(self) -> str:
+        """Frame that the tracker works in: locally smooth where the localisation's error is added on output."""
+        frames = self.config.frames
+        return frames.odom if self.config.localisation == "output" and frames.odom else frames.world
+
+    def push(self, measurement: Measurement, now_ns: int) -> bool:
+        """Take a cue's measurement, in its sensor's frame; True if the tracks changed.
+
+        Args:
+            measurement: as Cue.measure gives it.
+            now_ns: arrival, on the clock of the stamps.
+
+        Raises:
+            TransformUnavailable: the measurement is not taken.
+        """
+        transform = self.transforms.lookup(self.tracking_frame, measurement.frame_id, measurement.stamp_ns)
+        return self.buffer.push(place(measurement, transform, self.tracking_frame, self.config.localisation), now_ns)
+
+    def tracks(self, stamp_ns: Optional[int] = None) -> Tracks:
+        """All tracks in the world frame, at the tracker's stamp or predicted to a later one."""
+        tracks = dataclasses.replace(self.tracker.tracks(stamp_ns), frame_id=self.tracking_frame)
+        if self.tracking_frame == self.config.frames.world or len(tracks) == 0:
+            return dataclasses.replace(tracks, frame_id=self.config.frames.world)
+        try:
+            self._world_from_tracking = self.transforms.lookup(
+                self.config.frames.world, self.tracking_frame, tracks.stamp_ns
+            )
+        except TransformUnavailable:
+            # The localisation is slower than the sensors: its newest word holds until the next.
+            self._counts["tracks placed with an older localisation"] += 1
+            if self._world_from_tracking is None:
+                return tracks
+        return move_tracks(tracks, self._world_from_tracking, self.config.frames.world)
+
+    def set_map(self, grid: Optional[OccupancyGrid]) -> None:
+        """A new map; pruning uses it where the tracker works in the map's frame."""
+        self.tracker.set_map(grid if grid is not None and grid.frame_id == self.tracking_frame else None)
+
+    def reset(self) -> None:
+        """Time has jumped: forget all tracks and everything buffered; identities are not given again."""
+        self.buffer.reset()
+        self.tracker.reset()
+        self.transforms.reset()
+        self._world_from_tracking = None
+
+    def counters(self) -> Dict[str, int]:
+        """Events since the start, by name."""
+        return {**self._counts, **self.buffer.counters(), **self.tracker.counters()}
+
+
+def place(measurement: Measurement, transform: UncertainTransform, frame_id: str, localisation: str) -> Measurement:
+    """A measurement in another frame, the slow part of the transform's error treated as `localisation` says."""
+    observed = np.array(measurement.observed)
+    positions, covariances, jacobians = transform.transform(measurement.positions, measurement.covariances)
+    shared: Optional[np.ndarray] = transform.shared_covariance
+    if localisation == "white":
+        covariances = covariances + jacobians @ transform.shared_covariance @ jacobians.swapaxes(-1, -2)
+    if localisation in ("white", "none") or not transform.shared_covariance.any():
+        shared = None
+    covariances = covariances * (observed[:, None] & observed[None, :])
+    sight = measurement.sight
+    if sight is not None:
+        origin = transform.pose.apply(np.array([sight.position[0], sight.position[1], 0.0]))
+        upright = transform.pose.rotation[2, 2] > 0  # a scanner on its head turns the other way
+        sight = dataclasses.replace(
+            sight,
+            position=origin[:2],
+            yaw=float(transform.pose.yaw) + sight.yaw * (1 if upright else -1),
+            angle_min=sight.angle_min * (1 if upright else -1),
+            angle_increment=sight.angle_increment * (1 if upright else -1),
+        )
+    return dataclasses.replace(
+        measurement,
+        frame_id=frame_id,
+        positions=positions,
+        covariances=covariances,
+        shared_jacobians=None if shared is None else jacobians,
+        shared_covariance=shared,
+        sight=sight,
+        points=_move_flat(measurement.points, transform),
+        legs=_move_flat(measurement.legs, transform),
+    )
+
+
+def move_tracks(tracks: Tracks, transform: UncertainTransform, frame_id: str) -> Tracks:
+    """Tracks in another frame with the whole error of the transform in their covariance.
+
+    The rotation's error turns velocities as well as positions; both come from one error, so they become correlated.
+    """
+    size = tracks.means.shape[1]
+    rotation = transform.pose.rotation
+    velocities = np.zeros((len(tracks), 3))
+    velocities[:, : size - 3] = tracks.means[:, 3:]
+    moved = velocities @ rotation.T
+    whole = np.zeros((6, 6))
+    whole[:3, :3] = whole[3:, 3:] = rotation
+    jacobians = np.zeros((len(tracks), 6, 6))
+    none = np.zeros((len(tracks), 3, 3))
+    positions, _, jacobians[:, :3] = transform.transform(tracks.means[:, :3], none)
+    # d(exp([r]x) v)/dr = -[v]x
+    jacobians[:, 3, 4], jacobians[:, 3, 5] = moved[:, 2], -moved[:, 1]
+    jacobians[:, 4, 3], jacobians[:, 4, 5] = -moved[:, 2], moved[:, 0]
+    jacobians[:, 5, 3], jacobians[:, 5, 4] = moved[:, 1], -moved[:, 0]
+    error = transform.white_covariance + transform.shared_covariance
+    turn, jacobians = whole[:size, :size], jacobians[:, :size]
+    return dataclasses.replace(
+        tracks,
+        frame_id=frame_id,
+        means=np.hstack([positions, moved[:, : size - 3]]),
+        covariances=turn @ tracks.covariances @ turn.T + jacobians @ error @ jacobians.swapaxes(-1, -2),
+    )
+
+
+def _move_flat(points: np.ndarray, transform: UncertainTransform) -> np.ndarray:
+    """Points (N, 2) of the sensor's plane, seen from above in the other frame."""
+    if len(points) == 0:
+        return points
+    return transform.pose.apply(np.column_stack([points, np.zeros(len(points))]))[:, :2]
+
+
+def _with_shared_error(config: FusionConfig) -> FusionConfig:
+    """The tracker's way with shared errors follows from the treatment of the localisation."""
+    if not hasattr(config.tracker, "shared_error"):
+        return config
+    wanted = "consider" if config.localisation == "consider" else "add"
+    tracker = dataclasses.replace(config.tracker, shared_error=wanted)  # type: ignore[type-var]
+    return dataclasses.replace(config, tracker=tracker)

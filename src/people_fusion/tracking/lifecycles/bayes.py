@@ -1,0 +1,74 @@
+"""Probability of existence by Bayes' rule (integrated probabilistic data association, Musicki, Evans & Stankovic 1994).
+
+A detection speaks for a track by the ratio of its likelihood to that of a false alarm. A missing one speaks against it
+only as far as the sensor could see the person: who stands behind a pillar or beside the field of view is not forgotten.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from people_fusion.core.config import parameter
+from people_fusion.tracking.lifecycle import LIFECYCLES, Evidence, Lifecycle, Verdict
+from people_fusion.tracking.table import TrackTable
+
+
+@dataclass(frozen=True)
+class BayesConfig:
+    """Probabilities of the sensors and of people."""
+
+    detection_probability: float = parameter(0.85, "that a visible person is detected", low=0.01, high=0.999)
+    clutter_density: float = parameter(0.05, "false detections per square metre and measurement", low=1e-9)
+    birth_existence: float = parameter(0.15, "existence of a new track", low=0.0, high=1.0)
+    mean_stay_s: float = parameter(60.0, "after which an unseen person has left, on average, seconds", low=0.1)
+    largest_ratio: float = parameter(4.0, "bound of what one detection may say, as errors come in runs", low=1.0)
+    confirm_above: float = parameter(0.9, "existence from which a track is a person", low=0.0, high=1.0)
+    lose_below: float = parameter(0.4, "existence below which a person is none any more", low=0.0, high=1.0)
+    end_below: float = parameter(0.02, "existence below which a track ends", low=0.0, high=1.0)
+    longest_unseen_s: float = parameter(5.0, "time without detection that ends a track, seconds", low=0.0)
+    longest_hidden_report_s: float = parameter(5.0, "unseen persons are reported for so long, seconds", low=0.0)
+    largest_position_std: float = parameter(1.5, "a track with more uncertain position ends, metres", low=0.0)
+    mover_distance: float = parameter(
+        0.5, "who never strayed this far from the birthplace counts as furniture in the end; 0: off, metres", low=0.0
+    )
+    mover_patience_s: float = parameter(5.0, "time to stray that far before that, seconds", low=0.0)
+
+
+@LIFECYCLES.register("bayes", BayesConfig)
+class Bayes(Lifecycle):
+    """Remembers nothing beyond the existence."""
+
+    memory = ()
+
+    def __init__(self, config: BayesConfig) -> None:
+        self.config = config
+
+    def judge(self, table: TrackTable, evidence: Evidence) -> Verdict:
+        """See Lifecycle."""
+        config = self.config
+        existence = table.existence * math.exp(-evidence.duration_s / config.mean_stay_s)
+        missed = 1.0 - config.detection_probability * evidence.visible
+        log_ratio = evidence.log_likelihoods + math.log(config.detection_probability / config.clutter_density)
+        bound = math.log(config.largest_ratio)
+        hit = np.exp(np.clip(log_ratio, -bound, bound))
+        ratio = np.where(evidence.matched, hit, missed)
+        existence = np.where(
+            evidence.new, config.birth_existence, existence * ratio / (1.0 - existence + existence * ratio)
+        )
+        ages_s = (evidence.stamp_ns - table.born_ns) / 1e9
+        unseen_s = (evidence.stamp_ns - table.seen_ns) / 1e9
+        if config.mover_distance > 0:
+            furniture = (table.strayed_m < config.mover_distance) & (ages_s > config.mover_patience_s)
+            existence = np.where(furniture, np.minimum(existence, config.lose_below * 0.99), existence)
+        confirmed = (existence >= config.confirm_above) | (table.confirmed & (existence >= config.lose_below))
+        confirmed &= unseen_s <= config.longest_hidden_report_s
+        position_std = np.sqrt((table.covariances[:, 0, 0] + table.covariances[:, 1, 1]) / 2)
+        alive = (
+            (existence >= config.end_below)
+            & (unseen_s <= config.longest_unseen_s)
+            & (position_std <= config.largest_position_std)
+        )
+        return Verdict(existence, table.memory, confirmed & alive, alive)
