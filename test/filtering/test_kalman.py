@@ -24,7 +24,8 @@ def test_batch_update_equals_information_form_one_by_one(seed):
     for row in range(4):
         information = np.linalg.inv(covariances[row]) + observation.T @ np.linalg.inv(noises[row]) @ observation
         expected = np.linalg.inv(information)
-        vector = np.linalg.inv(covariances[row]) @ means[row] + observation.T @ np.linalg.inv(noises[row]) @ measured[row]
+        seen = observation.T @ np.linalg.inv(noises[row]) @ measured[row]
+        vector = np.linalg.inv(covariances[row]) @ means[row] + seen
         np.testing.assert_allclose(new_covariances[row], expected, rtol=1e-6, atol=1e-8)
         np.testing.assert_allclose(new_means[row], expected @ vector, rtol=1e-6, atol=1e-8)
 
@@ -37,7 +38,8 @@ def test_prediction_is_linear_propagation(seed):
     new_means, new_covariances = predict(means, covariances, transition, noise)
     for row in range(3):
         np.testing.assert_allclose(new_means[row], transition @ means[row], atol=1e-10)
-        np.testing.assert_allclose(new_covariances[row], transition @ covariances[row] @ transition.T + noise, atol=1e-9)
+        expected = transition @ covariances[row] @ transition.T + noise
+        np.testing.assert_allclose(new_covariances[row], expected, atol=1e-9)
 
 
 @given(seed=st.integers(0, 2**32 - 1))

@@ -6,7 +6,7 @@ import pytest
 from people_fusion.core.measurements import XY_OBSERVED, Measurement
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def detect():
     """Builds a laser measurement at a time in seconds from (x, y) positions."""
 
@@ -16,7 +16,7 @@ def detect():
         covariances = np.zeros((count, 3, 3))
         covariances[:, 0, 0] = covariances[:, 1, 1] = std**2
         return Measurement(
-            stamp_ns=int(round(time_s * 1e9)),
+            stamp_ns=round(time_s * 1e9),
             cue=cue,
             modality="legs",
             frame_id="odom",

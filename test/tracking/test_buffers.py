@@ -34,7 +34,7 @@ def measurement(time_s, positions, cue="scan", sequence=0, shared=False):
     covariances[:, 0, 0] = covariances[:, 1, 1] = 0.05**2
     jacobians = np.tile(np.hstack([np.eye(3), np.zeros((3, 3))]), (len(positions), 1, 1))
     return Measurement(
-        stamp_ns=int(round(time_s * 1e9)),
+        stamp_ns=round(time_s * 1e9),
         cue=cue,
         modality="legs",
         frame_id="odom",

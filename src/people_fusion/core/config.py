@@ -82,7 +82,7 @@ def load_yaml(path: Union[str, Path]) -> Any:
         ConfigError: if the file is missing or is not YAML; the message names it.
     """
     try:
-        with open(path, encoding="utf-8") as stream:
+        with Path(path).open(encoding="utf-8") as stream:
             return yaml.safe_load(stream)
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from error
@@ -121,7 +121,8 @@ def _convert(hint: Any, value: Any, path: str, metadata: Mapping[str, Any]) -> A
         if arguments[-1] is not Ellipsis and len(value) != len(arguments):
             raise ConfigError(f"{path}: expected {len(arguments)} values, got {len(value)}")
         kinds = [arguments[0]] * len(value) if arguments[-1] is Ellipsis else arguments
-        return tuple(_convert(kind, entry, f"{path}[{i}]", metadata) for i, (kind, entry) in enumerate(zip(kinds, value)))
+        pairs = enumerate(zip(kinds, value))
+        return tuple(_convert(kind, entry, f"{path}[{i}]", metadata) for i, (kind, entry) in pairs)
     if origin is dict:
         if not isinstance(value, Mapping):
             raise ConfigError(f"{path}: expected a mapping, got {value!r}")

@@ -33,7 +33,7 @@ class Tracker(abc.ABC):
 
     @abc.abstractmethod
     def tracks(self, stamp_ns: Optional[int] = None) -> Tracks:
-        """All tracks, confirmed or not, at the tracker's own stamp or predicted to a later one; the state is left alone."""
+        """All tracks, confirmed or not, at the tracker's own stamp or predicted to a later one; the state stays."""
 
     @abc.abstractmethod
     def snapshot(self) -> Any:

@@ -91,7 +91,7 @@ class KalmanTracker(Tracker):
         self._assignment = ASSIGNMENT_METHODS.build(config.assignment)
         self._lifecycle = LIFECYCLES.build(config.lifecycle)
         self._state = self._initial_state()
-        self._identities: "OrderedDict[Tuple[int, str, int, int], int]" = OrderedDict()
+        self._identities: OrderedDict[Tuple[int, str, int, int], int] = OrderedDict()
         self._next_id = 1
         self._grid: Optional[OccupancyGrid] = None
         self._counts: Counter = Counter()
@@ -268,7 +268,9 @@ class KalmanTracker(Tracker):
             occluded=evidence.visible < 0.5,
             strayed_m=np.where(evidence.matched, np.maximum(table.strayed_m, strayed), table.strayed_m),
         )
-        self._state = dataclasses.replace(self._state, table=table if verdict.alive.all() else table.select(verdict.alive))
+        if not verdict.alive.all():
+            table = table.select(verdict.alive)
+        self._state = dataclasses.replace(self._state, table=table)
 
     def _merge(self) -> None:
         """Volkhardt III-C 5: of two tracks at one place that move alike the less believed goes."""

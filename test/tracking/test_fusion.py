@@ -1,0 +1,77 @@
+"""Measurements through uncertain transforms: Monte Carlo of the whole placement, and the treatments' difference."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from people_fusion.core.errors import ConfigError
+from people_fusion.core.poses import Pose
+from people_fusion.core.tracks import Tracks
+from people_fusion.core.transforms import UncertainTransform
+from people_fusion.tracking.fusion import load_config, move_tracks, place
+
+TRANSFORM = UncertainTransform(
+    Pose.from_xy_yaw(2.0, -1.0, 0.7),
+    np.diag([1e-4, 1e-4, 0, 0, 0, 1e-5]),
+    np.diag([0.01, 0.02, 0, 0, 0, 4e-4]),
+)
+
+
+def moved_by(pose, error):
+    """`pose` with an error in its fixed axes."""
+    turn = Pose.from_xy_yaw(0.0, 0.0, error[5]).rotation
+    return Pose(turn @ pose.rotation, pose.translation + error[:3])
+
+
+@pytest.mark.parametrize("localisation, shared", [("white", True), ("none", False), ("output", False)])
+def test_placed_covariance_equals_monte_carlo(detect, localisation, shared):
+    rng = np.random.default_rng(1)
+    measurement = dataclasses.replace(detect(0.0, (3.0, 1.0)), frame_id="laser")
+    placed = place(measurement, TRANSFORM, "map", localisation)
+    errors = rng.multivariate_normal(np.zeros(6), TRANSFORM.white_covariance, 20000)
+    if shared:
+        errors += rng.multivariate_normal(np.zeros(6), TRANSFORM.shared_covariance, 20000)
+    points = np.array([3.0, 1.0, 0.4]) + np.pad(rng.normal(0, 0.05, (20000, 2)), ((0, 0), (0, 1)))
+    sample = np.array([moved_by(TRANSFORM.pose, e).apply(p) for e, p in zip(errors, points)])
+    np.testing.assert_allclose(placed.covariances[0, :2, :2], np.cov(sample[:, :2].T), rtol=0.03, atol=3e-5)
+    assert (placed.shared_covariance is not None) == (localisation == "output")
+
+
+def test_moved_tracks_equal_monte_carlo_in_position_and_velocity():
+    rng = np.random.default_rng(2)
+    covariance = np.diag([0.01, 0.01, 0.01, 0.04, 0.04])
+    state = np.array([3.0, 1.0, 1.6, 1.0, -0.5])
+    one = np.ones(1, dtype=bool)
+    tracks = Tracks(0, "odom", np.ones(1, int), state[None], covariance[None], np.ones(1), one, one, one, np.ones(1))
+    moved = move_tracks(tracks, TRANSFORM, "map")
+    whole = TRANSFORM.white_covariance + TRANSFORM.shared_covariance
+    sample = []
+    for _ in range(20000):
+        draw = rng.multivariate_normal(state, covariance)
+        pose = moved_by(TRANSFORM.pose, rng.multivariate_normal(np.zeros(6), whole))
+        sample.append([*pose.apply(draw[:3]), *(pose.rotation @ [draw[3], draw[4], 0.0])[:2]])
+    np.testing.assert_allclose(moved.means[0], np.mean(sample, axis=0), atol=0.01)
+    np.testing.assert_allclose(moved.covariances[0], np.cov(np.transpose(sample)), rtol=0.03, atol=1e-3)
+
+
+@pytest.mark.parametrize("preset", ["default", "poschmann_t1", "volkhardt"])
+def test_presets_load(preset):
+    assert load_config(preset) is not None
+
+
+@pytest.mark.parametrize(
+    "overrides, path",
+    [
+        ({"tracker": {"type": "kalman", "gates": 3.0}}, "tracker/gates"),
+        ({"tracker": {"type": "kalman", "gate": "wide"}}, "tracker/gate"),
+        ({"tracker": {"type": "kalman", "gate": -1.0}}, "tracker/gate"),
+        ({"tracker": {"type": "kalmann"}}, "tracker/type"),
+        ({"localisation": "maybe"}, "localisation"),
+        ({"transforms": {"links": {"laser": {"jitter_position_std": -0.1}}}}, "links/laser/jitter_position_std"),
+        ({"tracks": {}}, "tracks"),
+    ],
+)
+def test_bad_parameters_are_refused_by_their_path(overrides, path):
+    with pytest.raises(ConfigError, match=path):
+        load_config("default", overrides)
