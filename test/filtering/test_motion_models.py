@@ -54,7 +54,7 @@ def test_near_constant_velocity_integrates_equation_3_3():
     density = np.diag([0, 0, 0.2, 0.7, 0.7])
     times = np.linspace(0, 0.8, 4001)
     integrand = np.array([model.transition(t)[0] @ density @ model.transition(t)[0].T for t in times])
-    np.testing.assert_allclose(model.transition(0.8)[1], np.trapezoid(integrand, times, axis=0), atol=1e-6)
+    np.testing.assert_allclose(model.transition(0.8)[1], np.trapz(integrand, times, axis=0), atol=1e-6)
 
 
 def test_damped_velocity_forgets_its_velocity_but_not_its_spread():

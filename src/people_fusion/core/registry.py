@@ -17,7 +17,8 @@ class Registry(Generic[T]):
 
     Args:
         kind: what the parts are, for messages, e.g. ``"motion model"``.
-        package: package whose modules are imported before the first look-up, so that a new file is found by itself.
+        package: package whose modules, those of its sub-packages included, are imported before the first look-up, so
+            that a new file is found by itself.
     """
 
     def __init__(self, kind: str, package: str) -> None:
@@ -71,6 +72,5 @@ class Registry(Generic[T]):
             return
         self._loaded = True
         package = importlib.import_module(self._package)
-        for module in pkgutil.iter_modules(package.__path__, self._package + "."):
-            if not module.ispkg:
-                importlib.import_module(module.name)
+        for module in pkgutil.walk_packages(package.__path__, self._package + "."):
+            importlib.import_module(module.name)

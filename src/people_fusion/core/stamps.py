@@ -15,7 +15,7 @@ def to_seconds(duration_ns: int) -> float:
 
 def from_seconds(duration_s: float) -> int:
     """Duration in nanoseconds, rounded to the nearest."""
-    return int(round(duration_s * NANOSECONDS))
+    return round(duration_s * NANOSECONDS)
 
 
 def join(secs: int, nsecs: int) -> int:

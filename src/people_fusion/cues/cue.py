@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import abc
-from typing import Any, ClassVar, Optional
+from typing import Any, ClassVar, NamedTuple, Optional, Tuple
 
 from people_fusion.core.grids import OccupancyGrid
 from people_fusion.core.measurements import Measurement
 from people_fusion.core.registry import Registry
 from people_fusion.core.transforms import FramesConfig, TransformSource
+
+
+class TransformRequest(NamedTuple):
+    """Arguments of TransformSource.lookup."""
+
+    target_frame: str
+    source_frame: str
+    stamp_ns: int
 
 
 class Cue(abc.ABC):
@@ -25,6 +33,14 @@ class Cue(abc.ABC):
 
     modality: ClassVar[str]
     name: str
+
+    def transforms_needed(self, data: Any) -> Tuple[TransformRequest, ...]:
+        """What `measure` will look up for this message, so that whoever feeds the cue can wait for it.
+
+        Raises:
+            DataError: the message is unusable.
+        """
+        return ()
 
     @abc.abstractmethod
     def measure(self, data: Any, transforms: Optional[TransformSource]) -> Measurement:
@@ -46,4 +62,4 @@ class Cue(abc.ABC):
         """Forget all that was measured: time has jumped."""
 
 
-CUES: Registry[Cue] = Registry("cue", "people_fusion.cues.legs")
+CUES: Registry[Cue] = Registry("cue", "people_fusion.cues")
