@@ -1,0 +1,73 @@
+"""Persons and tracks that are near one another in a frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Tuple
+
+import numpy as np
+
+from people_fusion.evaluation.truth import Estimates, Truth
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """All P pairs of a person and a track within a distance in the same frame, in order of frames.
+
+    Attributes:
+        truth_rows: (P,) row in `Truth`.
+        estimate_rows: (P,) row in `Estimates`.
+        distances: (P,) metres.
+        persons: (P,) person, numbered from 0 without gaps.
+        tracks: (P,) track, numbered from 0 without gaps.
+        person_frames: (person_count,) frames in which each person is annotated.
+        track_frames: (track_count,) frames in which each track is reported.
+    """
+
+    truth_rows: np.ndarray
+    estimate_rows: np.ndarray
+    distances: np.ndarray
+    persons: np.ndarray
+    tracks: np.ndarray
+    person_frames: np.ndarray
+    track_frames: np.ndarray
+
+    @staticmethod
+    def within(truth: Truth, estimates: Estimates, distance_m: float) -> Pairs:
+        """All pairs that are at most `distance_m` apart in the ground plane."""
+        estimate_bounds = estimates.bounds(truth.frame_count)
+        tracks = np.diff(estimate_bounds)
+        # Each person's row meets all the rows of estimates of his frame.
+        partners = tracks[truth.frames]
+        truth_rows = np.repeat(np.arange(len(truth.ids)), partners)
+        starts = np.repeat(estimate_bounds[truth.frames] - np.cumsum(partners) + partners, partners)
+        estimate_rows = starts + np.arange(len(truth_rows))
+        offsets = truth.points[truth_rows] - estimates.points[estimate_rows]
+        distances = np.hypot(offsets[:, 0], offsets[:, 1])
+        near = distances <= distance_m
+        persons, person_frames = _number(truth.ids)
+        numbered_tracks, track_frames = _number(estimates.ids)
+        truth_rows, estimate_rows = truth_rows[near], estimate_rows[near]
+        return Pairs(
+            truth_rows,
+            estimate_rows,
+            distances[near],
+            persons[truth_rows],
+            numbered_tracks[estimate_rows],
+            person_frames,
+            track_frames,
+        )
+
+    @property
+    def person_count(self) -> int:
+        return len(self.person_frames)
+
+    @property
+    def track_count(self) -> int:
+        return len(self.track_frames)
+
+
+def _number(ids: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """Identities as numbers from 0, and how often each occurs."""
+    _, numbers, counts = np.unique(ids, return_inverse=True, return_counts=True)
+    return numbers, counts
