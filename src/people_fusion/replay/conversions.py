@@ -1,0 +1,121 @@
+"""Recorded messages as core types. The messages are rosbags' objects, with the fields of their ROS definitions."""
+
+from __future__ import annotations
+
+from typing import Any, Iterator, NamedTuple, Tuple
+
+import numpy as np
+
+from people_fusion.core.errors import DataError
+from people_fusion.core.grids import OccupancyGrid
+from people_fusion.core.poses import Pose, UncertainPose
+from people_fusion.core.scans import Scan
+from people_fusion.core.stamps import join
+
+
+class Link(NamedTuple):
+    """parent_from_child of one tf message, as numbers; `position` metres, `quaternion` x y z w."""
+
+    parent: str
+    child: str
+    stamp_ns: int
+    position: Tuple[float, float, float]
+    quaternion: Tuple[float, float, float, float]
+
+    def pose(self) -> Pose:
+        """The transform.
+
+        Raises:
+            DataError: a value is not finite or the quaternion is zero.
+        """
+        return Pose.from_quaternion(np.array(self.position), np.array(self.quaternion))
+
+
+def stamp(header: Any) -> int:
+    """Stamp of a std_msgs/Header."""
+    return join(header.stamp.sec, header.stamp.nanosec)
+
+
+def frame(name: str) -> str:
+    """Frame as tf2 knows it; older recordings have a leading slash."""
+    return name.lstrip("/")
+
+
+def scan(message: Any) -> Scan:
+    """Scan of a sensor_msgs/LaserScan.
+
+    Raises:
+        DataError: it has no stamp.
+    """
+    stamp_ns = stamp(message.header)
+    if stamp_ns == 0:
+        raise DataError("scan without stamp")
+    return Scan(
+        stamp_ns=stamp_ns,
+        frame_id=frame(message.header.frame_id),
+        ranges=message.ranges.astype(np.float64),
+        angle_min=message.angle_min,
+        angle_increment=message.angle_increment,
+        range_min=message.range_min,
+        range_max=message.range_max,
+        time_increment=message.time_increment,
+        scan_time=message.scan_time,
+    )
+
+
+def links(message: Any) -> Iterator[Link]:
+    """Links of a tf2_msgs/TFMessage or a tf/tfMessage."""
+    for transform in message.transforms:
+        header, position, turn = transform.header, transform.transform.translation, transform.transform.rotation
+        yield Link(
+            frame(header.frame_id),
+            frame(transform.child_frame_id),
+            join(header.stamp.sec, header.stamp.nanosec),
+            (position.x, position.y, position.z),
+            (turn.x, turn.y, turn.z, turn.w),
+        )
+
+
+def pose(message: Any) -> Pose:
+    """Pose of a geometry_msgs/Pose.
+
+    Raises:
+        DataError: a value is not finite or the quaternion is zero.
+    """
+    position, turn = message.position, message.orientation
+    return Pose.from_quaternion(
+        np.array([position.x, position.y, position.z]), np.array([turn.x, turn.y, turn.z, turn.w])
+    )
+
+
+def uncertain_pose(message: Any) -> UncertainPose:
+    """Pose with covariance of a geometry_msgs/PoseWithCovariance.
+
+    Raises:
+        DataError: a value is not finite, the quaternion is zero or a variance is negative.
+    """
+    covariance = np.array(message.covariance, dtype=np.float64).reshape(6, 6)
+    if not np.isfinite(covariance).all() or (np.diag(covariance) < 0).any():
+        raise DataError("pose with an impossible covariance")
+    return UncertainPose(pose(message.pose), (covariance + covariance.T) / 2)
+
+
+def occupancy_grid(message: Any) -> OccupancyGrid:
+    """Map of a nav_msgs/OccupancyGrid.
+
+    Raises:
+        DataError: its size is not that of its data, or its place or resolution is impossible.
+    """
+    info = message.info
+    cells = np.asarray(message.data, dtype=np.int8)
+    if cells.size != info.width * info.height or cells.size == 0:
+        raise DataError("map of the wrong size", f"{info.width} x {info.height} for {cells.size} cells")
+    if not (np.isfinite(info.resolution) and info.resolution > 0):
+        raise DataError("map of an impossible resolution", f"{info.resolution} m")
+    return OccupancyGrid(
+        frame_id=frame(message.header.frame_id),
+        resolution=info.resolution,
+        origin=pose(info.origin),
+        occupancy=cells.reshape(info.height, info.width),
+        stamp_ns=stamp(message.header),
+    )
