@@ -9,6 +9,8 @@ import numpy as np
 
 from people_fusion.evaluation.truth import Estimates, Truth
 
+_BLOCK = 50_000  # rows of truth that are paired at once, to bound memory
+
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
@@ -36,22 +38,17 @@ class Pairs:
     def within(truth: Truth, estimates: Estimates, distance_m: float) -> Pairs:
         """All pairs that are at most `distance_m` apart in the ground plane."""
         estimate_bounds = estimates.bounds(truth.frame_count)
-        tracks = np.diff(estimate_bounds)
-        # Each person's row meets all the rows of estimates of his frame.
-        partners = tracks[truth.frames]
-        truth_rows = np.repeat(np.arange(len(truth.ids)), partners)
-        starts = np.repeat(estimate_bounds[truth.frames] - np.cumsum(partners) + partners, partners)
-        estimate_rows = starts + np.arange(len(truth_rows))
-        offsets = truth.points[truth_rows] - estimates.points[estimate_rows]
-        distances = np.hypot(offsets[:, 0], offsets[:, 1])
-        near = distances <= distance_m
+        blocks = [
+            _near(truth, estimates, estimate_bounds, np.arange(start, min(start + _BLOCK, len(truth.ids))), distance_m)
+            for start in range(0, max(1, len(truth.ids)), _BLOCK)
+        ]
+        truth_rows, estimate_rows, distances = (np.concatenate(column) for column in zip(*blocks))
         persons, person_frames = _number(truth.ids)
         numbered_tracks, track_frames = _number(estimates.ids)
-        truth_rows, estimate_rows = truth_rows[near], estimate_rows[near]
         return Pairs(
             truth_rows,
             estimate_rows,
-            distances[near],
+            distances,
             persons[truth_rows],
             numbered_tracks[estimate_rows],
             person_frames,
@@ -65,6 +62,21 @@ class Pairs:
     @property
     def track_count(self) -> int:
         return len(self.track_frames)
+
+
+def _near(
+    truth: Truth, estimates: Estimates, estimate_bounds: np.ndarray, rows: np.ndarray, distance_m: float
+) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows of truth and of estimates and distances of the pairs that some rows of truth are part of."""
+    frames = truth.frames[rows]
+    partners = np.diff(estimate_bounds)[frames]  # each row meets all estimates of its frame
+    truth_rows = np.repeat(rows, partners)
+    first = np.repeat(estimate_bounds[frames] - np.cumsum(partners) + partners, partners)
+    estimate_rows = first + np.arange(len(truth_rows))
+    offsets = truth.points[truth_rows] - estimates.points[estimate_rows]
+    distances = np.hypot(offsets[:, 0], offsets[:, 1])
+    near = distances <= distance_m
+    return truth_rows[near], estimate_rows[near], distances[near]
 
 
 def _number(ids: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:

@@ -121,7 +121,8 @@ class Estimates:
         flat_covariances = None
         if covariances is not None:
             size = flat_means.shape[1]
-            flat_covariances = np.concatenate([np.zeros((0, size, size)), *(c for c in covariances if len(c))])
+            filled = [np.asarray(entry, dtype=float) for entry in covariances if len(entry)]
+            flat_covariances = np.concatenate(filled) if filled else np.zeros((0, size, size))
         flat_existence = None if existence is None else np.concatenate([np.zeros(0), *existence])
         return Estimates(frames, flat_ids, flat_means, flat_covariances, flat_existence)
 
