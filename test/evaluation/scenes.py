@@ -40,6 +40,6 @@ def random_scene(rng: np.random.Generator, frames: int, people: int, room_m: flo
             if rng.random() < 0.85:
                 tracked[track_of[person]] = (float(x + rng.normal(0.0, 0.2)), float(y + rng.normal(0.0, 0.2)))
         if rng.random() < 0.3:
-            tracked[int(rng.integers(10**6, 10**6 + 3))] = tuple(rng.uniform(0.0, room_m, 2).tolist())
+            tracked[int(rng.integers(997, 1000))] = tuple(rng.uniform(0.0, room_m, 2).tolist())
         scenes.append((shown, tracked))
     return scene(scenes)

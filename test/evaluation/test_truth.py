@@ -10,13 +10,10 @@ from people_fusion.evaluation.truth import Estimates, Truth
 
 def tracks_at(stamp_ns, ids, confirmed, size=5):
     count = len(ids)
-    no = np.zeros(count, dtype=bool)
     means = np.arange(count * size, dtype=float).reshape(count, size)
     covariances = np.tile(np.eye(size), (count, 1, 1))
-    return Tracks(
-        stamp_ns, "map", np.array(ids), means, covariances, np.full(count, 0.5), np.array(confirmed, dtype=bool), no, no,
-        np.zeros(count),
-    )  # fmt: skip
+    flags, no = np.array(confirmed, dtype=bool), np.zeros(count, dtype=bool)
+    return Tracks(stamp_ns, "map", np.array(ids), means, covariances, no + 0.5, flags, no, no, np.zeros(count))
 
 
 def test_estimates_take_confirmed_tracks_only():

@@ -42,7 +42,7 @@ class Events:
         truth_rows: (E,) row in `Truth`, -1 if no person is involved.
         estimate_rows: (E,) row in `Estimates`, -1 if no track is involved.
         distances: (E,) metres between person and track, NaN if either is missing.
-        transferred: (E,) bool, the track was matched with another person before.
+        transferred: (E,) bool, the match is new and the track's last new match was with another person.
     """
 
     frames: np.ndarray
@@ -81,7 +81,7 @@ class ClearMot:
         false_positives: tracks without an annotation, summed over frames.
         mismatches: matches with another track than the person had before.
         takeovers: those mismatches whose track had another person before; the rest are people found again.
-        transfers: matches of a track that had another person before, mismatch or not.
+        transfers: new matches of a track that had another person before, mismatch or not.
         distance_sum_m: over all matches.
         only_annotated: False positives were not counted, because people are about who are not annotated.
     """
@@ -191,7 +191,7 @@ def match(truth: Truth, estimates: Estimates, threshold_m: float = THRESHOLD_M, 
     person_ids, track_ids = truth.ids.tolist(), estimates.ids.tolist()
     truth_points, estimate_points = truth.points, estimates.points
     last_match: Dict[int, Tuple[int, int]] = {}  # person: (frame, track), M_t of Bernardin and Stiefelhagen
-    last_person: Dict[int, int] = {}  # by track
+    last_person: Dict[int, int] = {}  # by track, at its last new match
     unmatched = Event.IGNORED if only_annotated else Event.FALSE_POSITIVE
     rows: List[Tuple[int, int, int, int, float, bool]] = []
     for frame in range(truth.frame_count):
@@ -201,8 +201,8 @@ def match(truth: Truth, estimates: Estimates, threshold_m: float = THRESHOLD_M, 
         distances = np.hypot(offsets[..., 0], offsets[..., 1])
         persons = [person_ids[row] for row in people]
         columns = {track_ids[row]: column for column, row in enumerate(tracks)}
-        pairs = _kept(persons, columns, distances, last_match, threshold_m)
-        pairs.update(_nearest(distances, pairs, threshold_m))
+        kept = _kept(persons, columns, distances, last_match, threshold_m)
+        pairs = {**kept, **_nearest(distances, kept, threshold_m)}
         for i, person in enumerate(persons):
             if i not in pairs:
                 rows.append((frame, Event.MISS, people[i], -1, np.nan, False))
@@ -210,11 +210,12 @@ def match(truth: Truth, estimates: Estimates, threshold_m: float = THRESHOLD_M, 
             row = tracks[pairs[i]]
             track = track_ids[row]
             mismatch = person in last_match and last_match[person][1] != track
-            transferred = last_person.get(track, person) != person
+            transferred = i not in kept and last_person.get(track, person) != person
             kind = Event.MISMATCH if mismatch else Event.MATCH
             rows.append((frame, kind, people[i], row, float(distances[i, pairs[i]]), transferred))
             last_match[person] = (frame, track)
-            last_person[track] = person
+            if i not in kept:
+                last_person[track] = person
         taken = set(pairs.values())
         rows.extend((frame, unmatched, -1, row, np.nan, False) for j, row in enumerate(tracks) if j not in taken)
     return _events(rows)
