@@ -19,6 +19,8 @@ from people_fusion.core.transforms import TransformSource
 from people_fusion.replay.conversions import frame, stamp
 from people_fusion.replay.recording import Recording, Topic
 
+UNOBSERVED_VARIANCE = 1e6
+UNKNOWN = (math.nan, math.nan, math.nan)
 IDENTITIES = ("track_id", "person_id", "object_id", "id", "name")
 
 
@@ -76,7 +78,8 @@ def read_ground_truth(
     Raises:
         RecordingError: the messages hold no people that can be understood.
     """
-    people: Dict[Tuple[int, str], Dict[int, _Person]] = {}
+    people: Dict[int, Dict[int, _Person]] = {}
+    frames: Dict[int, str] = {}
     numbers: Dict[Any, int] = {}
     scan_stamp_ns, scan_frame = 0, ""
     scan_names = {scan.name for scan in scans}
@@ -86,28 +89,26 @@ def read_ground_truth(
             scan_stamp_ns, scan_frame = stamp(message.header), frame(message.header.frame_id)
             continue
         header = getattr(message, "header", None)
-        key = (
-            (stamp(header) if header is not None else 0) or scan_stamp_ns,
-            (frame(header.frame_id) if header is not None else "") or scan_frame,
-        )
+        stamp_ns = (stamp(header) if header is not None else 0) or scan_stamp_ns
+        frame_id = (frame(header.frame_id) if header is not None else "") or scan_frame
         persons = _persons(message)
         if persons is None:
             raise RecordingError(f"{recording.path}: no people are found in the messages of {topic.name} ({topic.type})")
-        if not all(key):
-            continue  # neither the message nor a scan tells when and where
-        instant = people.setdefault(key, {})
+        if not stamp_ns or frames.setdefault(stamp_ns, frame_id) != frame_id or not frame_id:
+            continue  # nobody tells when and where
+        instant = people.setdefault(stamp_ns, {})
         for person in persons:
             if all(map(math.isfinite, person.position)):
                 instant.setdefault(_number(person.identity, numbers), person)
     return [
         Instant(
             stamp_ns,
-            frame_id,
+            frames[stamp_ns],
             np.array(list(instant), dtype=np.int64),
             np.array([person.position for person in instant.values()], dtype=float).reshape(-1, 3),
             np.array([person.velocity for person in instant.values()], dtype=float).reshape(-1, 3),
         )
-        for (stamp_ns, frame_id), instant in sorted(people.items())
+        for stamp_ns, instant in sorted(people.items())
     ]
 
 
@@ -130,11 +131,16 @@ def _person(entry: Any, index: int) -> Optional[_Person]:
     position = _vector(getattr(place, "position", place))
     if position is None:
         return None
-    motion = getattr(entry, "twist", None)
-    motion = getattr(motion, "twist", motion)
-    velocity = _vector(getattr(motion, "linear", getattr(entry, "velocity", None)))
     identity = _identity(entry)
-    return _Person(index if identity is None else identity, position, velocity or (math.nan,) * 3)
+    return _Person(index if identity is None else identity, position, _velocity(entry))
+
+
+def _velocity(entry: Any) -> Tuple[float, float, float]:
+    motion = getattr(entry, "twist", None)
+    if getattr(motion, "covariance", [0.0])[0] >= UNOBSERVED_VARIANCE:
+        return UNKNOWN
+    linear = getattr(getattr(motion, "twist", motion), "linear", None)
+    return _vector(linear if linear is not None else getattr(entry, "velocity", None)) or UNKNOWN
 
 
 def _vector(value: Any) -> Optional[Tuple[float, float, float]]:

@@ -1,0 +1,245 @@
+"""What to take of a recording that nobody has described: scans, frames, map, localisation and ground truth."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from statistics import median
+from typing import Any, Dict, FrozenSet, List, Optional, Sequence, Tuple
+
+from people_fusion.core.errors import RecordingError
+from people_fusion.core.stamps import from_seconds, to_seconds
+from people_fusion.core.transforms import FramesConfig
+from people_fusion.replay.conversions import frame, links, stamp
+from people_fusion.replay.recording import Recording, Topic
+
+SAMPLE = 30  # messages of a topic that are looked at
+TRUTH_WORDS = ("truth", "annotat")
+TRUTH_KINDS = ("TrackedPersons", "PersonArray", "People", "Person")
+OWN_OUTPUT = "people_fusion/"
+BASES = ("base_link", "base_footprint")
+SAME_CLOCK_NS = from_seconds(1.0)
+NOTABLE_OFFSET_NS = from_seconds(0.1)
+
+
+@dataclass(frozen=True)
+class Sources:
+    """What a replay takes of a recording.
+
+    Attributes:
+        scans: topics of the scanners, one per scanner.
+        transforms: topics of tf.
+        localisation: poses of the base in the world frame, or None.
+        map: of the world, or None.
+        ground_truth: annotated people, or None.
+        frames: world, odometry and base of this recording; `odom` is empty where there is none.
+        links: (parent, child) of the transforms between these frames and the scanners.
+        clock_offset_ns: bag time minus header time that is not latency but two clocks.
+        notes: what was taken and why, one line each.
+    """
+
+    scans: Tuple[Topic, ...]
+    transforms: Tuple[Topic, ...]
+    localisation: Optional[Topic]
+    map: Optional[Topic]
+    ground_truth: Optional[Topic]
+    frames: FramesConfig
+    links: FrozenSet[Tuple[str, str]]
+    clock_offset_ns: int
+    notes: Tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Scanner:
+    topic: Topic
+    frame_id: str
+    beams: int
+    delays_ns: Tuple[int, ...]  # bag time minus header time
+
+    @property
+    def rank(self) -> Tuple[int, int, str]:
+        """Of topics in one frame the raw scan comes first: it is the soonest, then the most frequent."""
+        return (round(median(self.delays_ns) / from_seconds(0.02)), -self.topic.count, self.topic.name)
+
+
+def discover(
+    recording: Recording,
+    frames: FramesConfig,
+    scan_topics: Sequence[str] = (),
+    world_frame: Optional[str] = None,
+    ground_truth: Optional[str] = None,
+) -> Sources:
+    """Find what a replay needs.
+
+    Args:
+        recording: the bag.
+        frames: names to prefer, of the preset.
+        scan_topics: scans to take; empty: one per scanner frame that is connected with the world.
+        world_frame: frame of the tracks; None: `frames.world`, else `frames.odom`, else the root of the scanner's tree.
+        ground_truth: topic of annotated people; None: found by name and type.
+
+    Raises:
+        RecordingError: a topic or frame that was asked for is not there, or nothing is there to work on.
+    """
+    transforms = recording.of_kind("TFMessage", "tfMessage")
+    parents = _parents(recording, transforms)
+    scanners = _scanners(recording, scan_topics)
+    chosen, chain, notes = _connected(recording, scanners, parents, frames, world_frame, bool(scan_topics))
+    found = _frames(chain, frames, world_frame)
+    needed: Dict[str, List[str]] = {scanner.frame_id: _ancestors(scanner.frame_id, parents) for scanner in chosen}
+    pairs = frozenset(pair for line in needed.values() for pair in zip(line[1:], line))
+    connected = {name for line in needed.values() for name in line}
+    grid = _map(recording, connected)
+    localisation = _localisation(recording, found.world)
+    truth = _ground_truth(recording, ground_truth)
+    offset_ns = _clock_offset([delay for scanner in chosen for delay in scanner.delays_ns])
+    notes = [
+        *(f"scan {scanner.topic.name}: {scanner.beams} beams in {scanner.frame_id}" for scanner in chosen),
+        *notes,
+        f"frames: world {found.world}, odometry {found.odom or 'none'}, base {found.base}",
+        f"localisation {localisation.name}" if localisation else "no localisation: world and odometry are taken as exact",
+        f"map {grid.name}" if grid else "no map",
+        f"ground truth {truth.name} ({truth.type})" if truth else "no ground truth",
+    ]
+    if abs(offset_ns) > NOTABLE_OFFSET_NS:
+        notes.append(f"the bag's clock is {to_seconds(offset_ns):+.3f} s off the stamps; the stamps are taken")
+    return Sources(
+        scans=tuple(scanner.topic for scanner in chosen),
+        transforms=tuple(transforms) if pairs else (),
+        localisation=localisation,
+        map=grid,
+        ground_truth=truth,
+        frames=found,
+        links=pairs,
+        clock_offset_ns=offset_ns,
+        notes=tuple(notes),
+    )
+
+
+def _parents(recording: Recording, transforms: Sequence[Topic]) -> Dict[str, str]:
+    """Parent of each frame, the last one told."""
+    parents: Dict[str, str] = {}
+    for recorded in recording.messages(transforms):
+        for link in links(recorded.read()):
+            parents[link.child] = link.parent
+    return parents
+
+
+def _ancestors(name: str, parents: Dict[str, str]) -> List[str]:
+    """The frame itself, its parent and so on to the root."""
+    line = [name]
+    while line[-1] in parents and parents[line[-1]] not in line:
+        line.append(parents[line[-1]])
+    return line
+
+
+def _sample(recording: Recording, topic: Topic) -> List[Tuple[int, Any]]:
+    return [(m.arrival_ns, m.read()) for m in itertools.islice(recording.messages([topic]), SAMPLE)]
+
+
+def _scanners(recording: Recording, names: Sequence[str]) -> List[_Scanner]:
+    topics = [recording.topic(name) for name in names] if names else recording.of_kind("LaserScan")
+    scanners = []
+    for topic in topics:
+        if topic.kind != "LaserScan":
+            raise RecordingError(f"{recording.path}: {topic.name} is not a LaserScan but a {topic.type}")
+        sample = _sample(recording, topic)
+        if sample:
+            first = sample[0][1]
+            delays = tuple(arrival_ns - stamp(message.header) for arrival_ns, message in sample)
+            scanners.append(_Scanner(topic, frame(first.header.frame_id), len(first.ranges), delays))
+    if not scanners:
+        there = ", ".join(f"{topic.name} ({topic.type})" for topic in recording.topics)
+        raise RecordingError(f"{recording.path}: no laser scans in this recording; there are {there}")
+    return scanners
+
+
+def _connected(
+    recording: Recording,
+    scanners: Sequence[_Scanner],
+    parents: Dict[str, str],
+    frames: FramesConfig,
+    world_frame: Optional[str],
+    by_name: bool,
+) -> Tuple[List[_Scanner], List[str], List[str]]:
+    """Scanners that share a tree with the world, the frames from the first of them to the root, and notes."""
+    worlds = [frame(world_frame)] if world_frame is not None else [frames.world, frames.odom]
+    lines = {scanner.frame_id: _ancestors(scanner.frame_id, parents) for scanner in scanners}
+    ranked = sorted(scanners, key=lambda scanner: scanner.rank)
+    for world in worlds:
+        within = [scanner for scanner in ranked if world in lines[scanner.frame_id]]
+        if within:
+            break
+    else:
+        if world_frame is not None:
+            there = ", ".join(sorted({name for line in lines.values() for name in line}))
+            raise RecordingError(f"{recording.path}: no frame {world_frame} above the scanners; there are {there}")
+        most = max(ranked, key=lambda scanner: (scanner.topic.count, -ranked.index(scanner)))
+        root = lines[most.frame_id][-1]
+        within = [scanner for scanner in ranked if lines[scanner.frame_id][-1] == root]
+    chosen: Dict[str, _Scanner] = {}
+    notes = []
+    for scanner in within:
+        key = scanner.topic.name if by_name else scanner.frame_id
+        if key in chosen:
+            notes.append(f"scan {scanner.topic.name} is left out: it is of the scanner of {chosen[key].topic.name}")
+        else:
+            chosen[key] = scanner
+    for scanner in ranked:
+        if scanner not in within:
+            if by_name:
+                raise RecordingError(
+                    f"{recording.path}: no transform connects {scanner.frame_id} of {scanner.topic.name} with "
+                    f"{within[0].frame_id} of {within[0].topic.name}"
+                )
+            notes.append(f"scan {scanner.topic.name} is left out: no transform connects {scanner.frame_id}")
+    taken = sorted(chosen.values(), key=lambda scanner: scanner.topic.name)
+    return taken, lines[within[0].frame_id], notes
+
+
+def _frames(chain: Sequence[str], frames: FramesConfig, world_frame: Optional[str]) -> FramesConfig:
+    """Names of the frames on the way from a scanner to the root."""
+    if world_frame is not None:
+        world = frame(world_frame)
+    else:
+        world = next((name for name in (frames.world, frames.odom) if name in chain), chain[-1])
+    below = list(chain[: chain.index(world) + 1])  # scanner ... world
+    odom = frames.odom if frames.odom in below else ""
+    top = below.index(odom or world)
+    named = [name for name in (frames.base, *BASES) if name in below[:top]]
+    base = named[0] if named else below[max(top - 1, 0)]
+    return FramesConfig(world=world, odom=odom, base=base)
+
+
+def _map(recording: Recording, connected: Any) -> Optional[Topic]:
+    """A map whose frame is connected with a scanner; costmaps are no maps."""
+    for topic in recording.of_kind("OccupancyGrid"):
+        first = _sample(recording, topic)[0][1]
+        if "costmap" not in topic.name and frame(first.header.frame_id) in connected:
+            return topic
+    return None
+
+
+def _localisation(recording: Recording, world: str) -> Optional[Topic]:
+    candidates = []
+    for topic in recording.of_kind("PoseWithCovarianceStamped"):
+        first = _sample(recording, topic)[0][1]
+        if frame(first.header.frame_id) == world and not topic.name.endswith("initialpose"):
+            candidates.append(topic)
+    return max(candidates, key=lambda topic: topic.count, default=None)
+
+
+def _ground_truth(recording: Recording, name: Optional[str]) -> Optional[Topic]:
+    if name is not None:
+        return recording.topic(name)
+    topics = [topic for topic in recording.topics if topic.count]
+    hinted = [t for t in topics if any(word in t.name for word in TRUTH_WORDS)]
+    typed = [t for t in topics if t.kind in TRUTH_KINDS and OWN_OUTPUT not in t.name]
+    both = [topic for topic in hinted if topic in typed or topic.kind == "PoseArray"]
+    return next(iter(both or typed), None)
+
+
+def _clock_offset(delays_ns: Sequence[int]) -> int:
+    """Difference of the two clocks; up to a second it is latency of the messages, which replay keeps."""
+    least = min(delays_ns)
+    return 0 if 0 <= least < SAME_CLOCK_NS else least

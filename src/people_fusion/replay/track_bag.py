@@ -1,0 +1,220 @@
+"""Detections and tracks as the messages that the live nodes publish, written to a bag and read from one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Dict, List, Optional, Tuple, Type, Union
+
+import numpy as np
+from rosbags.rosbag1 import Writer
+
+from people_fusion.core.errors import RecordingError
+from people_fusion.core.measurements import Measurement
+from people_fusion.core.stamps import NANOSECONDS, from_seconds, split, to_seconds
+from people_fusion.core.tracks import Tracks
+from people_fusion.replay.conversions import frame, stamp
+from people_fusion.replay.recording import Recording, Topic
+from people_fusion.replay.typestore import typestore
+
+TRACKS_TOPIC = "/people_fusion/tracks"
+DETECTIONS_TOPIC = "/people_fusion/detections"
+UNOBSERVED_VARIANCE = 1e6
+PREDICTION_LIMIT_NS = NANOSECONDS  # older tracks say nothing about an instant
+
+_TRACKS = "people_fusion/msg/TrackedPersons"
+_DETECTIONS = "people_fusion/msg/DetectedPersons"
+
+
+class TrackWriter:
+    """Writes a bag of detections and tracks; use as a context manager. Same input, same bytes.
+
+    The bag gets its name when it is whole; one that was there is replaced then, so that a failure loses nothing.
+
+    Raises:
+        RecordingError: the bag cannot be written; the message names it.
+    """
+
+    def __init__(self, path: Union[str, Path]) -> None:
+        self.path = Path(path)
+        self._unfinished = self.path.with_name(self.path.name + ".unfinished")
+        self._store = typestore()
+        self._detections = 0
+        self._counts: Dict[str, int] = {}
+        try:
+            if self._unfinished.exists():
+                self._unfinished.unlink()
+            self._writer = Writer(self._unfinished)
+            self._writer.open()
+        except OSError as error:
+            raise RecordingError(f"{path}: {error.strerror}") from error
+        self._connections = {
+            topic: self._writer.add_connection(topic, kind, typestore=self._store, callerid="/replay_bag")
+            for topic, kind in ((DETECTIONS_TOPIC, _DETECTIONS), (TRACKS_TOPIC, _TRACKS))
+        }
+
+    def __enter__(self) -> TrackWriter:
+        return self
+
+    def __exit__(
+        self, kind: Optional[Type[BaseException]], value: Optional[BaseException], trace: Optional[TracebackType]
+    ) -> None:
+        try:
+            self._writer.close()
+            if kind is None:
+                self._unfinished.replace(self.path)
+        except OSError as error:
+            raise RecordingError(f"{self.path}: {error.strerror}") from error
+        finally:
+            if self._unfinished.exists():
+                self._unfinished.unlink()
+
+    def write_tracks(self, tracks: Tracks, arrival_ns: int) -> None:
+        """The confirmed tracks."""
+        shown = tracks.select(tracks.confirmed)
+        people = [self._tracked(shown, row) for row in range(len(shown))]
+        self._write(TRACKS_TOPIC, _TRACKS, arrival_ns, tracks.stamp_ns, tracks.frame_id, people)
+
+    def write_measurement(self, measurement: Measurement, arrival_ns: int) -> None:
+        """A cue's detections, in its sensor's frame."""
+        sight = measurement.sight
+        legs = [self._make("geometry_msgs/msg/Point32", *map(float, leg), 0.0) for leg in measurement.legs]
+        self._write(
+            DETECTIONS_TOPIC,
+            _DETECTIONS,
+            arrival_ns,
+            measurement.stamp_ns,
+            measurement.frame_id,
+            measurement.cue,
+            measurement.sequence,
+            float(measurement.period_s),
+            [self._detected(measurement, row) for row in range(len(measurement))],
+            0.0 if sight is None else float(sight.angle_min),
+            0.0 if sight is None else float(sight.angle_increment),
+            0.0 if sight is None else float(sight.range_max),
+            np.zeros(0, np.float32) if sight is None else sight.ranges.astype(np.float32),
+            legs,
+            measurement.leg_owners.astype(np.uint32),
+        )
+
+    def _write(self, topic: str, kind: str, arrival_ns: int, stamp_ns: int, frame_id: str, *fields: Any) -> None:
+        sequence = self._counts.get(topic, 0)
+        self._counts[topic] = sequence + 1
+        time = self._make("builtin_interfaces/msg/Time", *split(stamp_ns))
+        message = self._make(kind, self._make("std_msgs/msg/Header", sequence, time, frame_id), *fields)
+        try:
+            self._writer.write(self._connections[topic], arrival_ns, self._store.serialize_ros1(message, kind))
+        except OSError as error:
+            raise RecordingError(f"{self.path}: {error.strerror}") from error
+
+    def _make(self, kind: str, *fields: Any) -> Any:
+        return self._store.types[kind](*fields)
+
+    def _detected(self, measurement: Measurement, row: int) -> Any:
+        covariance = np.diag([UNOBSERVED_VARIANCE] * 6)
+        observed = np.flatnonzero(measurement.observed)
+        covariance[np.ix_(observed, observed)] = measurement.covariances[row][np.ix_(observed, observed)]
+        self._detections += 1
+        return self._make(
+            "people_fusion/msg/DetectedPerson",
+            self._detections - 1,
+            float(measurement.confidences[row]),
+            self._pose(measurement.positions[row], 0.0, covariance),
+            measurement.modality,
+        )
+
+    def _tracked(self, tracks: Tracks, row: int) -> Any:
+        yaw, yaw_variance = heading(tracks.means[row], tracks.covariances[row])
+        pose_covariance, twist_covariance = np.diag([UNOBSERVED_VARIANCE] * 6), np.diag([UNOBSERVED_VARIANCE] * 6)
+        pose_covariance[:3, :3] = tracks.covariances[row, :3, :3]
+        pose_covariance[5, 5] = yaw_variance
+        velocity_size = tracks.means.shape[1] - 3
+        twist_covariance[:velocity_size, :velocity_size] = tracks.covariances[row, 3:, 3:]
+        velocity = np.zeros(3)
+        velocity[:velocity_size] = tracks.means[row, 3:]
+        linear = self._make("geometry_msgs/msg/Vector3", *map(float, velocity))
+        angular = self._make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0)
+        twist = self._make("geometry_msgs/msg/Twist", linear, angular)
+        return self._make(
+            "people_fusion/msg/TrackedPerson",
+            int(tracks.ids[row]),
+            bool(tracks.occluded[row]),
+            bool(tracks.matched[row]),
+            0,
+            self._make("builtin_interfaces/msg/Duration", *split(from_seconds(float(tracks.ages_s[row])))),
+            float(tracks.existence[row]),
+            self._pose(tracks.means[row, :3], yaw, pose_covariance),
+            self._make("geometry_msgs/msg/TwistWithCovariance", twist, twist_covariance.ravel()),
+        )
+
+    def _pose(self, position: np.ndarray, yaw: float, covariance: np.ndarray) -> Any:
+        point = self._make("geometry_msgs/msg/Point", *map(float, position))
+        turn = self._make("geometry_msgs/msg/Quaternion", 0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2)))
+        pose = self._make("geometry_msgs/msg/Pose", point, turn)
+        return self._make("geometry_msgs/msg/PoseWithCovariance", pose, covariance.ravel())
+
+
+def heading(mean: np.ndarray, covariance: np.ndarray) -> Tuple[float, float]:
+    """Direction of motion and its variance, radians, of one track's (D,) mean and (D, D) covariance.
+
+    The variance is that of the velocity across the direction over the squared speed, at most that of no knowledge.
+    """
+    vx, vy = float(mean[3]), float(mean[4])
+    speed_squared = vx * vx + vy * vy
+    if speed_squared == 0.0:
+        return 0.0, UNOBSERVED_VARIANCE
+    across = np.array([-vy, vx]) / speed_squared
+    return float(np.arctan2(vy, vx)), min(float(across @ covariance[3:5, 3:5] @ across), UNOBSERVED_VARIANCE)
+
+
+def read_tracks(recording: Recording, topic: Topic) -> List[Tracks]:
+    """Recorded tracks in order of arrival; all of them are confirmed, and D is 5.
+
+    Raises:
+        RecordingError: the topic holds no TrackedPersons of this package.
+    """
+    if topic.type != _TRACKS.replace("/msg/", "/"):
+        raise RecordingError(f"{recording.path}: {topic.name} is not people_fusion/TrackedPersons but {topic.type}")
+    return [_tracks(recorded.read()) for recorded in recording.messages([topic])]
+
+
+def _tracks(message: Any) -> Tracks:
+    people = message.tracks
+    covariances = np.zeros((len(people), 5, 5))
+    means = np.zeros((len(people), 5))
+    for row, person in enumerate(people):
+        position, velocity = person.pose.pose.position, person.twist.twist.linear
+        means[row] = position.x, position.y, position.z, velocity.x, velocity.y
+        covariances[row, :3, :3] = person.pose.covariance.reshape(6, 6)[:3, :3]
+        covariances[row, 3:, 3:] = person.twist.covariance.reshape(6, 6)[:2, :2]
+    return Tracks(
+        stamp_ns=stamp(message.header),
+        frame_id=frame(message.header.frame_id),
+        ids=np.array([person.track_id for person in people], dtype=np.int64),
+        means=means,
+        covariances=covariances,
+        existence=np.array([person.existence for person in people], dtype=float),
+        confirmed=np.ones(len(people), dtype=bool),
+        matched=np.array([person.is_matched for person in people], dtype=bool),
+        occluded=np.array([person.is_occluded for person in people], dtype=bool),
+        ages_s=np.array([person.age.sec + person.age.nanosec / NANOSECONDS for person in people], dtype=float),
+    )
+
+
+def predicted(tracks: Tracks, stamp_ns: int) -> Tracks:
+    """Recorded tracks at a later stamp, each moved on by its own velocity."""
+    step_s = to_seconds(stamp_ns - tracks.stamp_ns)
+    transition = np.eye(5)
+    transition[0, 3] = transition[1, 4] = step_s
+    return Tracks(
+        stamp_ns,
+        tracks.frame_id,
+        tracks.ids,
+        tracks.means @ transition.T,
+        transition @ tracks.covariances @ transition.T,
+        tracks.existence,
+        tracks.confirmed,
+        tracks.matched,
+        tracks.occluded,
+        tracks.ages_s,
+    )
