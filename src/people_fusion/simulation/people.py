@@ -29,11 +29,11 @@ class ActivityConfig:
 
     do: str = parameter(
         "stand",
-        "`walk` along `to`; `stand` or `sit` for `for_s`; `visit` a free spot of the scenario and stand there for about "
-        "`for_s`; `wander` to a random place",
+        "`walk` along `to`; `stand` or `sit` for `for_s`, at `to` if given; `visit` a free spot of the scenario and "
+        "stand there for about `for_s`; `wander` to a random place",
         choices=("walk", "stand", "sit", "visit", "wander"),
     )
-    to: Tuple[Point, ...] = parameter((), "waypoints of `walk`, metres")
+    to: Tuple[Point, ...] = parameter((), "waypoints of `walk`, the place of `stand` or `sit`, metres")
     for_s: float = parameter(5.0, "seconds; `visit` draws between half and one and a half of it", low=0.0)
     facing: Optional[Point] = parameter(None, "what one who stands or sits looks at, metres")
     speed: Optional[float] = parameter(
@@ -251,6 +251,8 @@ class People:
             self._walk(agenda, self._floor.route(self.centres[person], self._floor.random_place(self._rng)))
         else:
             agenda.until_s = now_s + activity.for_s
+            if activity.to:
+                agenda.place = np.array(activity.to[-1])
 
     def _walk(self, agenda: _Agenda, way: np.ndarray) -> None:
         agenda.way, agenda.facing = tuple(way), None

@@ -8,6 +8,7 @@ from typing import Tuple
 import numpy as np
 
 from people_fusion.core.config import parameter
+from people_fusion.core.errors import ConfigError
 from people_fusion.simulation import planar
 from people_fusion.simulation.plan import Point
 
@@ -29,6 +30,10 @@ class RobotConfig:
     turn_acceleration: float = parameter(2.0, "fastest change of the turn rate, rad/s^2", low=0.1)
     radius: float = parameter(0.35, "of its body, metres", low=0.1)
     stop_distance: float = parameter(0.75, "it waits for people who are nearer than this ahead of it, metres", low=0.0)
+
+    def __post_init__(self) -> None:
+        if self.do == "drive" and not self.way:
+            raise ConfigError("robot/way: needed to `drive`")
 
 
 class Robot:
