@@ -1,0 +1,21 @@
+"""Runs every rostest of this directory, each with a master of its own."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent
+TIMEOUT_S = 180
+
+
+@pytest.mark.parametrize("launch", sorted(HERE.glob("*.test")), ids=lambda path: path.stem)
+def test_rostest_passes(launch: Path) -> None:
+    command = ["rostest", "--text", str(launch)]
+    done = subprocess.run(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=TIMEOUT_S, check=False
+    )
+    assert done.returncode == 0, done.stdout[-6000:]
+    assert "SUMMARY" in done.stdout and " * TESTS: 0" not in done.stdout, done.stdout[-6000:]
