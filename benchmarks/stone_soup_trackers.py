@@ -37,7 +37,7 @@ def build(method, detector, std):
     measurement = LinearGaussian(4, (0, 2), np.diag([std**2, std**2]))
     predictor, updater = KalmanPredictor(transition), KalmanUpdater(measurement)
     nearest = GNNWith2DAssignment(DistanceHypothesiser(predictor, updater, Mahalanobis(), missed_distance=3.4))
-    deleters = [CovarianceBasedDeleter(1.0, mapping=(0, 2)), UpdateTimeStepsDeleter(10)]
+    deleters = [CovarianceBasedDeleter(1.0, mapping=[0, 2]), UpdateTimeStepsDeleter(10)]
     deleter = CompositeDeleter(deleters, intersect=False)
     initiator = MultiMeasurementInitiator(
         GaussianState([[0], [0], [0], [0]], np.diag([0.0, 1.0, 0.0, 1.0])),

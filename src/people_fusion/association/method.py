@@ -22,7 +22,7 @@ class AssignmentMethod(abc.ABC):
         Args:
             tracks: (K,) track of each candidate pair that the gate lets pass.
             detections: (K,) its detection.
-            costs: (K,) its cost.
+            costs: (K,) its cost; leaving both alone costs 0, so that only negative costs are worth a pair.
             shape: how many tracks and detections there are.
         """
 

@@ -17,7 +17,7 @@ class GreedyConfig:
 
 @ASSIGNMENT_METHODS.register("greedy", GreedyConfig)
 class Greedy(AssignmentMethod):
-    """Takes candidate pairs by rising cost while both partners are free; equal costs by their order."""
+    """Takes candidate pairs by rising cost while that is negative and both partners are free; equal costs by order."""
 
     def __init__(self, config: GreedyConfig) -> None:
         self.config = config
@@ -31,7 +31,7 @@ class Greedy(AssignmentMethod):
         track_list, detection_list = tracks.tolist(), detections.tolist()
         for pair in np.argsort(costs, kind="stable").tolist():
             track, detection = track_list[pair], detection_list[pair]
-            if track_free[track] and detection_free[detection]:
+            if costs[pair] < 0 and track_free[track] and detection_free[detection]:
                 track_free[track] = detection_free[detection] = False
                 chosen.append(pair)
         return np.array(chosen, dtype=int)

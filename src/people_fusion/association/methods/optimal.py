@@ -1,4 +1,4 @@
-"""Global nearest neighbour: the assignment of most pairs and, among those, least total cost."""
+"""Global nearest neighbour: the assignment of least total cost."""
 
 from __future__ import annotations
 
@@ -27,13 +27,11 @@ class Optimal(AssignmentMethod):
         self, tracks: np.ndarray, detections: np.ndarray, costs: np.ndarray, shape: Tuple[int, int]
     ) -> np.ndarray:
         """See AssignmentMethod."""
-        if len(costs) == 0:
-            return np.zeros(0, dtype=int)
-        # A forbidden pair costs more than any change of the allowed ones can save.
-        forbidden = (np.ptp(costs) + 1.0) * (min(shape) + 1) + np.max(costs)
-        matrix = np.full(shape, forbidden)
+        # Zero stands for leaving alone: any set of pairs can be filled up with zeros to a full assignment.
+        matrix = np.zeros(shape)
         candidate = np.full(shape, -1)
-        matrix[tracks, detections] = costs
+        matrix[tracks, detections] = np.minimum(costs, 0.0)
         candidate[tracks, detections] = np.arange(len(costs))
         chosen = candidate[linear_sum_assignment(matrix)]
-        return chosen[chosen >= 0]
+        chosen = chosen[chosen >= 0]
+        return chosen[costs[chosen] < 0]

@@ -42,7 +42,14 @@ class KalmanConfig:
     assignment: object = component(ASSIGNMENT_METHODS, OptimalConfig, "assignment method")
     lifecycle: object = component(LIFECYCLES, BayesConfig, "when a track is a person and when it ends")
     gate: float = parameter(11.345, "largest squared Mahalanobis distance of a pair", low=0.0)
-    likelihood_cost: bool = parameter(True, "pairs by likelihood (adds log |S|), not by distance alone")
+    cost: str = parameter(
+        "likelihood",
+        "of a pair: its squared Mahalanobis `distance`, or its `likelihood`, that is log |S| more",
+        choices=("distance", "likelihood"),
+    )
+    unlikely_cost: float = parameter(
+        6.0, "`likelihood` cost from which track and detection rather have nothing to do with each other"
+    )
     sequential: bool = parameter(False, "detections one by one, so that a track may take several (Volkhardt)")
     head_height: float = parameter(1.5, "height of a new track whose height is not observed, metres")
     duplicates_gate: float = parameter(0.0, "squared distance of detections of one cue that are fused; 0: off", low=0.0)
@@ -370,9 +377,13 @@ class KalmanTracker(Tracker):
             covariances = spreads[tracks] + bound[detections]
         distances = mahalanobis_squared(innovations, covariances)
         inside = np.flatnonzero(distances <= self.config.gate)
-        costs = distances[inside]
-        if self.config.likelihood_cost:
-            costs = costs + np.log(np.linalg.det(covariances[inside]))
+        if self.config.cost == "likelihood":
+            # A track that hardly exists makes a detection no likelier: -2 log of N(innovation; 0, S) times existence.
+            existence = np.maximum(table.existence[tracks[inside]], 1e-3)
+            costs = distances[inside] + np.log(np.linalg.det(covariances[inside])) - 2 * np.log(existence)
+            costs = costs - self.config.unlikely_cost
+        else:
+            costs = distances[inside] - self.config.gate
         chosen = inside[
             self._assignment.assign(tracks[inside], detections[inside], costs, (len(table), len(measurement)))
         ]
