@@ -11,7 +11,14 @@ HERE = Path(__file__).parent
 TIMEOUT_S = 180
 
 
-@pytest.mark.parametrize("launch", sorted(HERE.glob("*.test")), ids=lambda path: path.stem)
+LAUNCH_FILES = sorted(HERE.glob("*.test"))
+
+
+def test_there_are_rostests() -> None:
+    assert LAUNCH_FILES
+
+
+@pytest.mark.parametrize("launch", LAUNCH_FILES, ids=[path.stem for path in LAUNCH_FILES])
 def test_rostest_passes(launch: Path) -> None:
     command = ["rostest", "--text", str(launch)]
     done = subprocess.run(
