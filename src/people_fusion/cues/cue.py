@@ -8,7 +8,7 @@ from typing import Any, ClassVar, NamedTuple, Optional, Tuple
 from people_fusion.core.grids import OccupancyGrid
 from people_fusion.core.measurements import Measurement
 from people_fusion.core.registry import Registry
-from people_fusion.core.transforms import FramesConfig, TransformSource
+from people_fusion.core.transforms import TransformSource
 
 
 class TransformRequest(NamedTuple):
@@ -34,7 +34,7 @@ class Cue(abc.ABC):
     modality: ClassVar[str]
     name: str
 
-    def transforms_needed(self, data: Any) -> Tuple[TransformRequest, ...]:
+    def transforms_needed(self, data: Any) -> Tuple[TransformRequest, ...]:  # noqa: ARG002
         """What `measure` will look up for this message, so that whoever feeds the cue can wait for it.
 
         Raises:

@@ -1,0 +1,274 @@
+"""People by their legs in a laser scan (Poschmann 2018, 3.1.1; the cue called L1 there)."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import ClassVar, Deque, NamedTuple, Optional, Tuple
+
+import numpy as np
+
+from people_fusion.core.config import parameter
+from people_fusion.core.errors import ConfigError
+from people_fusion.core.grids import OCCUPIED_THRESHOLD, OccupancyGrid
+from people_fusion.core.measurements import XY_OBSERVED, Measurement, Sight
+from people_fusion.core.scans import Scan
+from people_fusion.core.stamps import to_seconds
+from people_fusion.core.transforms import FramesConfig, TransformSource
+from people_fusion.cues.cue import CUES, Cue, TransformRequest
+from people_fusion.cues.legs import beams, clusters
+
+PERIODS_REMEMBERED = 11
+UNKNOWN_PERIOD_S = 0.1
+LEG_WIDTH = 0.1  # metres, for the distance at which beams are too far apart to tell a leg
+ARC_DEPTH = math.pi / 4.0  # mean depth of a half circle seen from afar, in radii
+
+
+@dataclass(frozen=True)
+class LegCueConfig:
+    """The leg cue; the defaults are the paper's, what goes beyond it is off."""
+
+    deskew: bool = parameter(True, "project each beam with the pose of its own instant where `time_increment` is given")
+    map_dilation: float = parameter(0.2, "what is this close to an obstacle of the map is background, metres", 0.0, 2.0)
+    map_occupied: int = parameter(OCCUPIED_THRESHOLD, "occupancy from which a cell of the map is an obstacle", 1, 100)
+    segment_gap: float = parameter(0.05, "points this close belong to one segment, metres", 0.001, 1.0)
+    segment_gap_beams: float = parameter(
+        0.0, "neighbouring beams also belong to one segment if this many beam spacings apart; 0: off", 0.0, 10.0
+    )
+    min_segment_points: int = parameter(2, "segments with fewer points are noise", 1, 100)
+    max_segment_width: float = parameter(
+        math.inf, "wider segments are walls and furniture, metres; needed where no map explains them; .inf: off", 0.1
+    )
+    min_segment_step: float = parameter(
+        0.0, "a segment whose neighbours are not this much farther or nearer is of a wall, metres; 0: off", 0.0, 2.0
+    )
+    group_gap: float = parameter(0.6, "points this close belong to one group of people, metres", 0.05, 5.0)
+    leg_diameter: float = parameter(0.25, "largest extent of one leg, metres", 0.02, 1.0)
+    min_leg_points: int = parameter(1, "legs with fewer points are left out", 1, 100)
+    pair_distance: float = parameter(0.7, "legs at most this far apart may be one person's, metres", 0.0, 2.0)
+    leg_radius: float = parameter(
+        0.0, "the scanner sees the near side of a leg: legs are moved away from it by pi/4 of this, metres", 0.0, 0.2
+    )
+    max_range: float = parameter(100.0, "what is farther away is ignored, metres", 0.1, 1000.0)
+    pair_std: float = parameter(0.08, "std of a person's position from two legs, by axis, metres", 0.001, 2.0)
+    single_along_std: float = parameter(
+        0.15, "std from a single leg along the beam, where the other leg may hide, metres", 0.001, 2.0
+    )
+    single_across_std: float = parameter(0.12, "std from a single leg across the beam, metres", 0.001, 2.0)
+    crowd_factor: float = parameter(
+        2.0, "on the stds where a group holds several people, as the pairs may be wrong", 1.0, 10.0
+    )
+    pair_confidence: float = parameter(1.0, "that two legs are a person", 0.0, 1.0)
+    single_confidence: float = parameter(1.0, "that a single leg is a person; the paper makes no difference", 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        if self.leg_diameter > self.group_gap:
+            raise ConfigError(
+                f"leg_diameter: {self.leg_diameter} is larger than group_gap, {self.group_gap}: a leg would span groups"
+            )
+
+
+class _Legs(NamedTuple):
+    """The scan's points that are legs, points (P, 2) with labels (P,), and the legs (L,)."""
+
+    points: np.ndarray
+    labels: np.ndarray
+    centres: np.ndarray
+    groups: np.ndarray
+
+
+@CUES.register("legs", LegCueConfig)
+class LegCue(Cue):
+    """Background subtraction, segments, groups, legs, pairs of legs, people."""
+
+    modality: ClassVar[str] = "legs"
+
+    def __init__(self, config: LegCueConfig, name: str, frames: FramesConfig) -> None:
+        self.config, self.name, self.frames = config, name, frames
+        self._grid: Optional[OccupancyGrid] = None
+        self._directions = beams.Directions()
+        self._sequence = 0
+        self._newest_ns: Optional[int] = None
+        self._periods_s: Deque[float] = deque(maxlen=PERIODS_REMEMBERED)
+
+    def set_map(self, grid: Optional[OccupancyGrid]) -> None:
+        self._grid = grid
+        if grid is not None:
+            grid.dilated(self.config.map_dilation, self.config.map_occupied)  # now, not in the first scan
+
+    def reset(self) -> None:
+        self._newest_ns = None
+        self._periods_s.clear()
+
+    def transforms_needed(self, data: Scan) -> Tuple[TransformRequest, ...]:
+        beams.check(data)
+        needed = []
+        if self._grid is not None:
+            needed.append(TransformRequest(self._grid.frame_id, data.frame_id, data.stamp_ns))
+        duration_ns = beams.duration_ns(data)
+        if self.config.deskew and duration_ns:
+            fixed = self.frames.odom or self.frames.world
+            needed.append(TransformRequest(fixed, data.frame_id, data.stamp_ns))
+            needed.append(TransformRequest(fixed, data.frame_id, data.stamp_ns + duration_ns))
+        return tuple(needed)
+
+    def measure(self, data: Scan, transforms: Optional[TransformSource]) -> Measurement:
+        ranges = beams.check(data)
+        points, hits = self._points(data, ranges, transforms)
+        legs = self._legs(points, hits, data, ranges)
+        owners = self._owners(legs)
+        positions, covariances, paired = self._people(legs, owners, abs(data.angle_increment))
+        period_s = self._note_stamp(data)
+        self._sequence += 1
+        return Measurement(
+            stamp_ns=data.stamp_ns,
+            cue=self.name,
+            modality=self.modality,
+            frame_id=data.frame_id,
+            positions=positions,
+            covariances=covariances,
+            confidences=np.where(paired, self.config.pair_confidence, self.config.single_confidence),
+            observed=XY_OBSERVED,
+            period_s=period_s,
+            sequence=self._sequence,
+            sight=self._sight(data, ranges),
+            points=legs.points,
+            point_labels=legs.labels,
+            legs=legs.centres,
+            leg_owners=owners,
+        )
+
+    def _points(
+        self, scan: Scan, ranges: np.ndarray, transforms: Optional[TransformSource]
+    ) -> Tuple[np.ndarray, np.ndarray]:
+        """Points (N, 2) of the scanner's frame that no map explains, and the indices (N,) of their beams."""
+        hits = np.flatnonzero(beams.hits(ranges, scan.range_min, min(scan.range_max, self.config.max_range)))
+        points = ranges[hits, None] * self._directions.of(scan)[hits]
+        if transforms is None:
+            return points, hits
+        duration_ns = beams.duration_ns(scan)
+        if self.config.deskew and duration_ns:
+            fixed = self.frames.odom or self.frames.world
+            first = transforms.lookup(fixed, scan.frame_id, scan.stamp_ns)
+            last = transforms.lookup(fixed, scan.frame_id, scan.stamp_ns + duration_ns)
+            points = beams.straighten(points, hits / (len(ranges) - 1), first, last)
+        if self._grid is not None:
+            map_from_sensor = transforms.lookup(self._grid.frame_id, scan.frame_id, scan.stamp_ns)
+            points_map = map_from_sensor.apply(np.column_stack([points, np.zeros(len(points))]))
+            explained = self._grid.occupied_at(points_map, self.config.map_dilation, self.config.map_occupied)
+            points, hits = points[~explained], hits[~explained]
+        return points, hits
+
+    def _legs(self, points: np.ndarray, hits: np.ndarray, scan: Scan, ranges: np.ndarray) -> _Legs:
+        config = self.config
+        kept = self._segments(points, hits, scan, ranges)
+        points = points[kept]
+        groups = clusters.single_linkage(points, config.group_gap)
+        legs = clusters.complete_linkage(points, config.leg_diameter)
+        if config.min_leg_points > 1 and len(legs):
+            kept = np.bincount(legs)[legs] >= config.min_leg_points
+            points, groups, legs = points[kept], groups[kept], clusters.relabel(legs[kept])
+        if not len(legs):
+            return _Legs(points, legs, np.zeros((0, 2)), np.zeros(0, dtype=int))
+        centres = clusters.means(points, legs)
+        if config.leg_radius:
+            centres *= 1.0 + ARC_DEPTH * config.leg_radius / np.hypot(centres[:, 0], centres[:, 1])[:, None]
+        first = np.unique(legs, return_index=True)[1]
+        return _Legs(points, legs, centres, groups[first])
+
+    def _segments(self, points: np.ndarray, hits: np.ndarray, scan: Scan, ranges: np.ndarray) -> np.ndarray:
+        """(N,) bool, the points in segments that are neither noise nor, if so configured, walls."""
+        config = self.config
+        if not len(points):
+            return np.zeros(0, dtype=bool)
+        neighbours = clusters.NO_PAIRS
+        if config.segment_gap_beams:
+            spacings = np.minimum(ranges[hits[:-1]], ranges[hits[1:]]) * abs(scan.angle_increment)
+            steps = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1))
+            near = np.flatnonzero((np.diff(hits) == 1) & (steps <= config.segment_gap_beams * spacings))
+            neighbours = np.stack([near, near + 1], axis=1)
+        segments = clusters.single_linkage(points, config.segment_gap, neighbours)
+        good = np.bincount(segments) >= config.min_segment_points
+        if math.isfinite(config.max_segment_width):
+            distances = np.sqrt(((points - clusters.means(points, segments)[segments]) ** 2).sum(axis=1))
+            widths = np.zeros(len(good))
+            np.maximum.at(widths, segments, 2.0 * distances)
+            good &= widths <= config.max_segment_width
+        if config.min_segment_step:
+            good &= self._stands_out(segments, hits, scan, ranges)
+        return good[segments]
+
+    def _stands_out(self, segments: np.ndarray, hits: np.ndarray, scan: Scan, ranges: np.ndarray) -> np.ndarray:
+        """(S,) bool, segments whose neighbouring beams on both sides end at another depth, on one side farther away.
+
+        A wall that is seen at a low angle, or from so far that its points are more than the gap apart, falls apart
+        into segments as small as legs; theirs continue at nearly the same depth. A neighbour without a distance
+        counts as farther away, as does the end of the scan.
+        """
+        members, starts = clusters.by_label(segments)
+        ends = np.append(starts[1:], len(members)) - 1
+        first, last = hits[members[starts]], hits[members[ends]]  # members of a segment are in the order of beams
+        valid = beams.hits(ranges, scan.range_min, scan.range_max)
+        depths = np.concatenate([[np.inf], np.where(valid, ranges, np.inf), [np.inf]])
+        before, after = depths[first] - ranges[first], depths[last + 2] - ranges[last]
+        step = self.config.min_segment_step
+        return (np.minimum(abs(before), abs(after)) >= step) & (np.maximum(before, after) >= step)
+
+    def _owners(self, legs: _Legs) -> np.ndarray:
+        """(L,) index of the person of each leg: nearest legs of a group first, greedily; who is left is alone."""
+        count = len(legs.centres)
+        first, second = np.triu_indices(count, 1)
+        distances = np.sqrt(((legs.centres[first] - legs.centres[second]) ** 2).sum(axis=1))
+        close = np.flatnonzero((distances <= self.config.pair_distance) & (legs.groups[first] == legs.groups[second]))
+        close = close[np.argsort(distances[close], kind="stable")]
+        partner = list(range(count))
+        for a, b in zip(first[close].tolist(), second[close].tolist()):
+            if partner[a] == a and partner[b] == b:
+                partner[a], partner[b] = b, a
+        return clusters.relabel(np.minimum(partner, np.arange(count)).astype(int))
+
+    def _people(
+        self, legs: _Legs, owners: np.ndarray, angle_increment: float
+    ) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Positions (N, 3), covariances (N, 3, 3), and whether both legs were seen (N,)."""
+        config = self.config
+        if not len(owners):
+            return np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, dtype=bool)
+        middles = clusters.means(legs.centres, owners)
+        paired = np.bincount(owners) == 2
+        groups = legs.groups[np.unique(owners, return_index=True)[1]]
+        crowded = np.bincount(groups)[groups] > 1
+        distances = np.hypot(middles[:, 0], middles[:, 1])
+        factor = np.where(crowded, config.crowd_factor, 1.0)
+        along = factor * np.where(paired, config.pair_std, config.single_along_std)
+        across = factor * np.where(paired, config.pair_std, config.single_across_std)
+        # Where a leg begins and ends between two beams is uniform over their distance.
+        spacing_variances = (distances * angle_increment) ** 2 / 12.0
+        beam = np.arctan2(middles[:, 1], middles[:, 0])
+        axes = np.stack([np.stack([np.cos(beam), -np.sin(beam)], -1), np.stack([np.sin(beam), np.cos(beam)], -1)], 1)
+        variances = np.stack([along**2, across**2 + spacing_variances], axis=1)
+        covariances = np.zeros((len(middles), 3, 3))
+        covariances[:, :2, :2] = (axes * variances[:, None, :]) @ np.swapaxes(axes, 1, 2)
+        return np.column_stack([middles, np.zeros(len(middles))]), covariances, paired
+
+    def _sight(self, scan: Scan, ranges: np.ndarray) -> Optional[Sight]:
+        """What the scanner could see, or None of a scan whose only beam has no width."""
+        if scan.angle_increment == 0.0:
+            return None
+        # Beyond this the beams are too far apart for two points of a leg to be one segment.
+        config = self.config
+        resolved = LEG_WIDTH / config.min_segment_points if config.segment_gap_beams else config.segment_gap
+        reach = min(scan.range_max, config.max_range, resolved / abs(scan.angle_increment))
+        seen = beams.seen_through(ranges, scan.range_min, scan.range_max, reach)
+        return Sight(np.zeros(2), 0.0, scan.angle_min, scan.angle_increment, seen, reach)
+
+    def _note_stamp(self, scan: Scan) -> float:
+        """Take notice of a stamp, and the median period of the last scans; stamps that do not advance say nothing."""
+        if self._newest_ns is None or scan.stamp_ns > self._newest_ns:
+            if self._newest_ns is not None:
+                self._periods_s.append(to_seconds(scan.stamp_ns - self._newest_ns))
+            self._newest_ns = scan.stamp_ns
+        if self._periods_s:
+            return sorted(self._periods_s)[len(self._periods_s) // 2]
+        return scan.scan_time if math.isfinite(scan.scan_time) and scan.scan_time > 0.0 else UNKNOWN_PERIOD_S
