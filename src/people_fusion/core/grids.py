@@ -72,9 +72,7 @@ class OccupancyGrid:
             self._masks[key] = mask
         return self._masks[key]
 
-    def occupied_at(
-        self, points: np.ndarray, radius_m: float = 0.0, threshold: int = OCCUPIED_THRESHOLD
-    ) -> np.ndarray:
+    def occupied_at(self, points: np.ndarray, radius_m: float = 0.0, threshold: int = OCCUPIED_THRESHOLD) -> np.ndarray:
         """(N,) bool: whether the (N, 2) or (N, 3) points, in the map's frame, lie in an occupied cell.
 
         Args:

@@ -80,7 +80,7 @@ class Pose:
         return Pose(rotation, -(rotation @ self.translation[..., None])[..., 0])
 
     def apply(self, points: np.ndarray) -> np.ndarray:
-        """(..., 3) points of the child frame in the parent frame; a batch of poses takes one point each or one for all."""
+        """(..., 3) points of the child frame in the parent frame; of a batch of poses one point each or one for all."""
         if self.rotation.ndim == 2:
             return points @ self.rotation.T + self.translation
         return (self.rotation @ points[..., None])[..., 0] + self.translation
@@ -124,7 +124,7 @@ class UncertainPose:
         return UncertainPose(inverse, J @ self.covariance @ J.T)
 
     def point_jacobians(self, points: np.ndarray) -> np.ndarray:
-        """(N, 3, 6) derivative of the transformed points with respect to the pose's error; points (N, 3) in the child."""
+        """(N, 3, 6) derivative of transformed points with respect to the pose's error; points (N, 3) in the child."""
         return point_jacobians(self.mean, points)
 
     def transform(self, points: np.ndarray, covariances: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
