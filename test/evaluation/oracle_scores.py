@@ -15,21 +15,10 @@ with contextlib.redirect_stdout(sys.stderr):
     import motmetrics
     import trackeval
 
-MOTMETRICS = [
-    "num_objects",
-    "num_detections",
-    "num_misses",
-    "num_false_positives",
-    "num_switches",
-    "num_transfer",
-    "mota",
-    "motp",
-    "recall",
-    "precision",
-    "idf1",
-    "idp",
-    "idr",
-]
+MOTMETRICS = (
+    *("num_objects", "num_detections", "num_misses", "num_false_positives", "num_switches", "num_transfer"),
+    *("mota", "motp", "recall", "precision", "idf1", "idp", "idr"),
+)
 
 
 def table(frame):

@@ -1,0 +1,358 @@
+"""Pictures of one evaluated run, as matplotlib figures without pyplot: nothing is shown, no global state is touched.
+
+A track has the same colour in every picture of a run. Red crosses are misses, violet plus signs false positives, orange
+diamonds mismatches, grey is truth.
+"""
+
+from __future__ import annotations
+
+import io
+from typing import Any, Dict, Mapping, Optional, Tuple
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+from matplotlib.transforms import Affine2D
+
+from people_fusion.core.grids import OccupancyGrid
+from people_fusion.core.stamps import NANOSECONDS
+from people_fusion.evaluation.clear_mot import Event
+from people_fusion.evaluation.consistency import chi_square_band
+from people_fusion.evaluation.evaluate import Evaluation
+from people_fusion.evaluation.truth import Estimates, Truth
+
+_DOTS_PER_INCH = 110
+_TRUTH = "#8c8c8c"
+_MISS = "#d62728"
+_FALSE = "#7b3fb5"
+_MISMATCH = "#ff8c00"
+_BAND = "#cfe8cf"
+_TRACKS = (
+    *("#1f77b4", "#2ca02c", "#8c564b", "#17becf", "#e377c2", "#556b2f", "#003f8a", "#b8860b"),
+    *("#008080", "#5f9ea0", "#a0522d", "#6b8e23", "#4169e1", "#c71585", "#2f4f4f", "#9acd32"),
+)  # fmt: skip
+# Unknown, free, occupied.
+_MAP_COLOURS = ListedColormap(["#eef0f2", "#ffffff", "#4d4d4d"])
+
+
+def png(figure: Figure) -> bytes:
+    """The picture as a file; the same figure gives the same bytes."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=_DOTS_PER_INCH, metadata={"Software": "people_fusion"})
+    return buffer.getvalue()
+
+
+def plot_tracks(
+    truth: Truth, estimates: Estimates, evaluation: Evaluation, grid: Optional[OccupancyGrid] = None
+) -> Figure:
+    """Where people walked, where the tracker saw them, and where it erred, over the map if there is one."""
+    figure, axes = _figure(9.0, 7.0)
+    if grid is not None:
+        _draw_map(axes, grid)
+    for person in np.unique(truth.ids):
+        rows = truth.ids == person
+        axes.plot(*_broken(truth.frames[rows], *truth.points[rows].T), color=_TRUTH, linewidth=0.8, zorder=2)
+    colours = _colours(estimates)
+    for track, colour in colours.items():
+        rows = estimates.ids == track
+        path = _broken(estimates.frames[rows], *estimates.points[rows].T)
+        axes.plot(*path, color=colour, linewidth=1.4, marker=".", markersize=2.5, zorder=3)
+    events = evaluation.events
+    for kind, style in _EVENT_STYLES.items():
+        chosen = events.kinds == kind
+        points = (
+            estimates.points[events.estimate_rows[chosen]]
+            if kind == Event.FALSE_POSITIVE
+            else truth.points[events.truth_rows[chosen]]
+        )
+        axes.plot(*points.T, linestyle="none", **style)
+    seen = np.concatenate([truth.points, estimates.points])
+    if len(seen):
+        low, high = seen.min(axis=0) - 1.0, seen.max(axis=0) + 1.0
+        axes.set_xlim(low[0], high[0])
+        axes.set_ylim(low[1], high[1])
+    axes.set_aspect("equal")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    lines = [
+        Line2D([], [], color=_TRUTH, linewidth=0.8, label="truth"),
+        Line2D([], [], color=_TRACKS[0], linewidth=1.4, label="track, one colour each"),
+    ]
+    _legend(axes, [*lines, *_event_handles(evaluation)])
+    return figure
+
+
+def plot_identities(truth: Truth, estimates: Estimates, evaluation: Evaluation) -> Figure:
+    """Which track each person had when: a bar for each person, in the colour of his track; red where he was missed."""
+    people = np.unique(truth.ids)
+    figure, axes = _figure(11.0, 1.6 + 0.34 * max(3, len(people)))
+    seconds, colours, events = _seconds(truth), _colours(estimates), evaluation.events
+    ends = _frame_ends(seconds)
+    for line, person in enumerate(people):
+        chosen = np.flatnonzero((events.truth_rows >= 0) & (truth.ids[events.truth_rows] == person))
+        frames, matched = events.frames[chosen], events.matched[chosen]
+        tracks = np.where(matched, _ids_of(estimates, events.estimate_rows[chosen]), -1)
+        for first, last in _runs(frames, tracks, matched):
+            start, end = seconds[frames[first]], ends[frames[last]]
+            if not matched[first]:
+                axes.barh(line, end - start, 0.24, start, color=_MISS, alpha=0.75, linewidth=0)
+                continue
+            axes.barh(line, end - start, 0.72, start, color=colours[tracks[first]], linewidth=0)
+            if end - start > 0.018 * (len(str(tracks[first])) + 1) / 2 * (ends[-1] - seconds[0]):
+                middle = (start + end) / 2
+                axes.text(middle, line, str(tracks[first]), color="white", ha="center", va="center", fontsize=7)
+        switched = frames[events.kinds[chosen] == Event.MISMATCH]
+        axes.plot(seconds[switched], np.full(len(switched), line), linestyle="none", **_EVENT_STYLES[Event.MISMATCH])
+    axes.set_yticks(range(len(people)))
+    axes.set_yticklabels([f"person {person}" for person in people])
+    axes.set_ylim(len(people) - 0.4, -0.6)
+    _time_axis(axes, seconds)
+    missed = Line2D([], [], color=_MISS, alpha=0.75, linewidth=3, label="missed")
+    had = Line2D([], [], color=_TRACKS[0], linewidth=7, label="matched, number of the track")
+    _legend(axes, [had, missed, _event_handles(evaluation)[1]])
+    return figure
+
+
+def plot_errors(truth: Truth, estimates: Estimates, evaluation: Evaluation) -> Figure:
+    """Distance between person and track over time, with misses and mismatches at the upper edge."""
+    figure, axes = _figure(11.0, 3.2)
+    seconds, events = _seconds(truth), evaluation.events
+    matched = np.flatnonzero(events.matched)
+    distances, frames = events.distances[matched], events.frames[matched]
+    colours = _colours(estimates)
+    tracks = _ids_of(estimates, events.estimate_rows[matched])
+    axes.scatter(seconds[frames], 100.0 * distances, s=9, c=[colours[t] for t in tracks], linewidths=0, alpha=0.8)
+    averages = _frame_averages(distances, frames, truth.frame_count)
+    axes.plot(seconds, 100.0 * averages, color="black", linewidth=1.1)
+    limit = 100.0 * evaluation.threshold_m
+    axes.axhline(limit, color="black", linewidth=0.8, linestyle="--")
+    for kind, height in ((Event.MISS, 1.05), (Event.MISMATCH, 1.13)):
+        at = seconds[np.unique(events.frames[events.kinds == kind])]
+        axes.plot(at, np.full(len(at), height * limit), linestyle="none", clip_on=False, **_EVENT_STYLES[kind])
+    axes.set_ylim(0.0, 1.2 * limit)
+    axes.set_ylabel("error [cm]")
+    _time_axis(axes, seconds)
+    lines = [
+        Line2D([], [], linestyle="none", marker=".", color=_TRACKS[0], label="person, colour of the track"),
+        Line2D([], [], color="black", linewidth=1.1, label="mean"),
+        Line2D([], [], color="black", linewidth=0.8, linestyle="--", label="largest distance of a match"),
+    ]
+    _legend(axes, [*lines, *_event_handles(evaluation)[:2]])
+    return figure
+
+
+def plot_existence(truth: Truth, estimates: Estimates, evaluation: Evaluation) -> Figure:
+    """Existence of each reported track over time, false positives marked."""
+    figure, axes = _figure(11.0, 2.8)
+    seconds, events = _seconds(truth), evaluation.events
+    existence = np.full(len(estimates.ids), np.nan) if estimates.existence is None else estimates.existence
+    for track, colour in _colours(estimates).items():
+        rows = estimates.ids == track
+        path = _broken(estimates.frames[rows], seconds[estimates.frames[rows]], existence[rows])
+        axes.plot(*path, color=colour, linewidth=1.2, marker=".", markersize=2.5)
+    false = events.estimate_rows[events.kinds == Event.FALSE_POSITIVE]
+    axes.plot(
+        seconds[estimates.frames[false]], existence[false], linestyle="none", **_EVENT_STYLES[Event.FALSE_POSITIVE]
+    )
+    axes.set_ylim(-0.03, 1.06)
+    axes.set_ylabel("existence")
+    _time_axis(axes, seconds)
+    line = Line2D([], [], color=_TRACKS[0], linewidth=1.2, label="track, one colour each")
+    _legend(axes, [line, _event_handles(evaluation)[2]])
+    return figure
+
+
+def plot_counts(truth: Truth, evaluation: Evaluation) -> Figure:
+    """People, misses (upwards), false positives (downwards) and mismatches in each frame."""
+    figure, axes = _figure(11.0, 2.8)
+    seconds, events = _seconds(truth), evaluation.events
+    people = np.diff(truth.bounds())
+    misses = events.per_frame(Event.MISS, truth.frame_count)
+    false = events.per_frame(Event.FALSE_POSITIVE, truth.frame_count)
+    axes.plot(seconds, people, color=_TRUTH, linewidth=1.0, drawstyle="steps-mid")
+    axes.fill_between(seconds, misses, step="mid", color=_MISS, alpha=0.8, linewidth=0)
+    axes.fill_between(seconds, -false, step="mid", color=_FALSE, alpha=0.8, linewidth=0)
+    switched = seconds[events.frames[events.kinds == Event.MISMATCH]]
+    axes.plot(switched, np.zeros(len(switched)), linestyle="none", **_EVENT_STYLES[Event.MISMATCH])
+    axes.axhline(0.0, color="black", linewidth=0.8)
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{abs(value):.0f}"))
+    axes.set_ylabel("number")
+    _time_axis(axes, seconds)
+    lines = [
+        Line2D([], [], color=_TRUTH, linewidth=1.0, label="annotated people"),
+        Line2D([], [], color=_MISS, linewidth=6, alpha=0.8, label=f"misses ({misses.sum()})"),
+        Line2D([], [], color=_FALSE, linewidth=6, alpha=0.8, label=f"false positives, downwards ({false.sum()})"),
+    ]
+    _legend(axes, [*lines, _event_handles(evaluation)[1]])
+    return figure
+
+
+def plot_nees(truth: Truth, evaluation: Evaluation) -> Figure:
+    """NEES of matched positions over time, with the band that 95 % of single pairs keep if covariances are honest."""
+    figure, axes = _figure(11.0, 3.2)
+    seconds, events = _seconds(truth), evaluation.events
+    known = np.isfinite(evaluation.nees)
+    nees, frames = evaluation.nees[known], events.frames[known]
+    axes.scatter(seconds[frames], np.maximum(nees, 1e-3), s=8, color=_TRUTH, linewidths=0, alpha=0.7)
+    axes.plot(seconds, _frame_averages(nees, frames, truth.frame_count), color="#1f77b4", linewidth=1.2)
+    average = evaluation.scores.position_consistency.average
+    handles = [
+        Line2D([], [], linestyle="none", marker=".", color=_TRUTH, label="matched person"),
+        Line2D([], [], color="#1f77b4", linewidth=1.2, label="mean of the frame"),
+    ]
+    if average is not None:
+        axes.axhline(average, color=_MISS, linewidth=1.0)
+        handles.append(Line2D([], [], color=_MISS, linewidth=1.0, label=f"mean of all: {average:.2f}"))
+    handles.extend(_draw_band(axes, 2, 1))
+    axes.set_yscale("log")
+    axes.set_ylim(1e-3, max(20.0, 2.0 * float(nees.max(initial=0.0))))
+    axes.set_ylabel("NEES")
+    _time_axis(axes, seconds)
+    _legend(axes, handles)
+    return figure
+
+
+def plot_average_nees(seconds: np.ndarray, averages: Mapping[str, np.ndarray], dimension: int, runs: int) -> Figure:
+    """NEES over time, averaged over independent runs, of several treatments.
+
+    Args:
+        seconds: (K,) instants.
+        averages: (K,) by name of the treatment, see `consistency.average_nees`; NaN where unknown.
+        dimension: of the errors, their honest mean.
+        runs: how many runs were averaged.
+    """
+    figure, axes = _figure(11.0, 3.6)
+    handles = []
+    for colour, (name, average) in zip(_TRACKS * (1 + len(averages) // len(_TRACKS)), averages.items()):
+        handles.extend(axes.plot(seconds, average, color=colour, linewidth=1.4, label=name))
+    handles.extend(_draw_band(axes, dimension, runs))
+    axes.set_yscale("log")
+    axes.set_ylabel(f"NEES, mean of {runs} runs")
+    _time_axis(axes, np.asarray(seconds))
+    _legend(axes, handles)
+    return figure
+
+
+_EVENT_STYLES: Dict[Event, Dict[str, Any]] = {
+    Event.MISS: {"marker": "x", "color": _MISS, "markersize": 5, "markeredgewidth": 1.3, "zorder": 4},
+    Event.MISMATCH: {
+        "marker": "D",
+        "color": _MISMATCH,
+        "markersize": 6,
+        "markeredgecolor": "black",
+        "markeredgewidth": 0.8,
+        "zorder": 6,
+    },
+    Event.FALSE_POSITIVE: {"marker": "+", "color": _FALSE, "markersize": 7, "markeredgewidth": 1.4, "zorder": 5},
+}
+_EVENT_NAMES = {Event.MISS: "miss", Event.MISMATCH: "mismatch", Event.FALSE_POSITIVE: "false positive"}
+
+
+def _figure(width: float, height: float) -> Tuple[Figure, Any]:
+    """Figure of some inches with one pair of axes."""
+    figure = Figure(figsize=(width, height), constrained_layout=True)
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    axes.spines["top"].set_visible(False)
+    axes.spines["right"].set_visible(False)
+    return figure, axes
+
+
+def _legend(axes: Any, handles: Any) -> None:
+    """Above the picture, where it hides nothing."""
+    axes.legend(
+        handles=handles,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncol=len(handles),
+        frameon=False,
+        fontsize=8,
+        borderaxespad=0.2,
+        columnspacing=1.4,
+    )
+
+
+def _event_handles(evaluation: Evaluation) -> list:
+    """Legend of misses, mismatches and false positives, with their numbers."""
+    return [
+        Line2D([], [], linestyle="none", label=f"{_EVENT_NAMES[kind]} ({evaluation.events.count(kind)})", **style)
+        for kind, style in _EVENT_STYLES.items()
+    ]
+
+
+def _draw_map(axes: Any, grid: OccupancyGrid) -> None:
+    height, width = grid.occupancy.shape
+    kinds = np.where(grid.occupancy < 0, 0, np.where(grid.occupancy < 50, 1, 2))
+    x, y = (float(value) for value in grid.origin.translation[:2])
+    frame_from_cells = Affine2D().scale(grid.resolution).rotate(float(grid.origin.yaw)).translate(x, y)
+    image = axes.imshow(
+        kinds, cmap=_MAP_COLOURS, vmin=0, vmax=2, origin="lower", extent=(0, width, 0, height), zorder=0,
+        interpolation="nearest",
+    )  # fmt: skip
+    image.set_transform(frame_from_cells + axes.transData)
+
+
+def _draw_band(axes: Any, dimension: int, count: int) -> list:
+    low, high = chi_square_band(dimension, count)
+    axes.axhspan(low, high, color=_BAND, zorder=0, linewidth=0)
+    axes.axhline(dimension, color="#3a7d3a", linewidth=1.0, linestyle="--", zorder=1)
+    return [
+        Line2D([], [], color=_BAND, linewidth=7, label="95 % band of honest covariance"),
+        Line2D([], [], color="#3a7d3a", linewidth=1.0, linestyle="--", label=f"honest mean: {dimension}"),
+    ]
+
+
+def _time_axis(axes: Any, seconds: np.ndarray) -> None:
+    if len(seconds):
+        axes.set_xlim(seconds[0], _frame_ends(seconds)[-1])
+    axes.set_xlabel("time [s]")
+    axes.grid(axis="x", color="#e5e5e5", linewidth=0.6)
+    axes.set_axisbelow(True)
+
+
+def _seconds(truth: Truth) -> np.ndarray:
+    """(F,) seconds since the first frame."""
+    return (truth.stamps_ns - truth.stamps_ns[:1]) / NANOSECONDS
+
+
+def _frame_ends(seconds: np.ndarray) -> np.ndarray:
+    """(F,) when the next frame begins; the last lasts as long as most do."""
+    usual = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 1.0
+    return np.append(seconds[1:], seconds[-1:] + usual)
+
+
+def _colours(estimates: Estimates) -> Dict[int, str]:
+    """Colour by track, in order of first appearance."""
+    tracks, first = np.unique(estimates.ids, return_index=True)
+    ordered = tracks[np.argsort(first)]
+    return {int(track): _TRACKS[place % len(_TRACKS)] for place, track in enumerate(ordered)}
+
+
+def _ids_of(estimates: Estimates, rows: np.ndarray) -> np.ndarray:
+    """Tracks of rows; whatever for row -1."""
+    return np.append(estimates.ids, -1)[rows]
+
+
+def _broken(frames: np.ndarray, *columns: np.ndarray) -> Tuple[np.ndarray, ...]:
+    """Columns with a NaN wherever a frame was left out, so that no line is drawn across the gap."""
+    gaps = np.flatnonzero(np.diff(frames) > 1) + 1
+    return tuple(np.insert(column.astype(float), gaps, np.nan) for column in columns)
+
+
+def _runs(frames: np.ndarray, tracks: np.ndarray, matched: np.ndarray) -> Tuple[Tuple[int, int], ...]:
+    """First and last place of each stretch of consecutive frames with one track, or without any."""
+    if not len(frames):
+        return ()
+    cuts = np.flatnonzero((np.diff(frames) > 1) | (np.diff(tracks) != 0) | (np.diff(matched.astype(int)) != 0))
+    return tuple(zip(np.append(0, cuts + 1).tolist(), np.append(cuts, len(frames) - 1).tolist()))
+
+
+def _frame_averages(values: np.ndarray, frames: np.ndarray, frame_count: int) -> np.ndarray:
+    """(F,) mean of the values of each frame, NaN where there are none."""
+    counts = np.bincount(frames, minlength=frame_count)
+    sums = np.bincount(frames, values, minlength=frame_count)
+    return np.divide(sums, counts, out=np.full(frame_count, np.nan), where=counts > 0)
