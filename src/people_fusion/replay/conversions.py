@@ -11,6 +11,7 @@ from people_fusion.core.grids import OccupancyGrid
 from people_fusion.core.poses import Pose, UncertainPose
 from people_fusion.core.scans import Scan
 from people_fusion.core.stamps import join
+from people_fusion.core.transforms import normalise_frame
 
 
 class Link(NamedTuple):
@@ -36,11 +37,6 @@ def stamp(header: Any) -> int:
     return join(header.stamp.sec, header.stamp.nanosec)
 
 
-def frame(name: str) -> str:
-    """Frame as tf2 knows it; older recordings have a leading slash."""
-    return name.lstrip("/")
-
-
 def scan(message: Any) -> Scan:
     """Scan of a sensor_msgs/LaserScan.
 
@@ -52,7 +48,7 @@ def scan(message: Any) -> Scan:
         raise DataError("scan without stamp")
     return Scan(
         stamp_ns=stamp_ns,
-        frame_id=frame(message.header.frame_id),
+        frame_id=normalise_frame(message.header.frame_id),
         ranges=message.ranges.astype(np.float64),
         angle_min=message.angle_min,
         angle_increment=message.angle_increment,
@@ -68,8 +64,8 @@ def links(message: Any) -> Iterator[Link]:
     for transform in message.transforms:
         header, position, turn = transform.header, transform.transform.translation, transform.transform.rotation
         yield Link(
-            frame(header.frame_id),
-            frame(transform.child_frame_id),
+            normalise_frame(header.frame_id),
+            normalise_frame(transform.child_frame_id),
             join(header.stamp.sec, header.stamp.nanosec),
             (position.x, position.y, position.z),
             (turn.x, turn.y, turn.z, turn.w),
@@ -107,15 +103,12 @@ def occupancy_grid(message: Any) -> OccupancyGrid:
         DataError: its size is not that of its data, or its place or resolution is impossible.
     """
     info = message.info
-    cells = np.asarray(message.data, dtype=np.int8)
-    if cells.size != info.width * info.height or cells.size == 0:
-        raise DataError("map of the wrong size", f"{info.width} x {info.height} for {cells.size} cells")
-    if not (np.isfinite(info.resolution) and info.resolution > 0):
-        raise DataError("map of an impossible resolution", f"{info.resolution} m")
-    return OccupancyGrid(
-        frame_id=frame(message.header.frame_id),
-        resolution=info.resolution,
-        origin=pose(info.origin),
-        occupancy=cells.reshape(info.height, info.width),
-        stamp_ns=stamp(message.header),
+    return OccupancyGrid.from_cells(
+        normalise_frame(message.header.frame_id),
+        info.resolution,
+        pose(info.origin),
+        info.width,
+        info.height,
+        message.data,
+        stamp(message.header),
     )

@@ -9,8 +9,8 @@ from typing import Any, Dict, FrozenSet, List, Optional, Sequence, Tuple
 
 from people_fusion.core.errors import RecordingError
 from people_fusion.core.stamps import from_seconds, to_seconds
-from people_fusion.core.transforms import FramesConfig
-from people_fusion.replay.conversions import frame, links, stamp
+from people_fusion.core.transforms import FramesConfig, normalise_frame
+from people_fusion.replay.conversions import links, stamp
 from people_fusion.replay.recording import Recording, Topic
 
 SAMPLE = 30  # messages of a topic that are looked at
@@ -91,13 +91,13 @@ def discover(
     connected = {name for line in needed.values() for name in line}
     grid = _map(recording, connected)
     localisation = _localisation(recording, found.world)
-    truth = _ground_truth(recording, ground_truth)
+    truth = find_ground_truth(recording, ground_truth)
     offset_ns = _clock_offset([delay for scanner in chosen for delay in scanner.delays_ns])
     notes = [
         *(f"scan {scanner.topic.name}: {scanner.beams} beams in {scanner.frame_id}" for scanner in chosen),
         *notes,
         f"frames: world {found.world}, odometry {found.odom or 'none'}, base {found.base}",
-        f"localisation {localisation.name}" if localisation else "no localisation: world and odometry are taken as exact",
+        f"localisation {localisation.name}" if localisation else "no localisation: the robot's pose is taken as exact",
         f"map {grid.name}" if grid else "no map",
         f"ground truth {truth.name} ({truth.type})" if truth else "no ground truth",
     ]
@@ -147,7 +147,7 @@ def _scanners(recording: Recording, names: Sequence[str]) -> List[_Scanner]:
         if sample:
             first = sample[0][1]
             delays = tuple(arrival_ns - stamp(message.header) for arrival_ns, message in sample)
-            scanners.append(_Scanner(topic, frame(first.header.frame_id), len(first.ranges), delays))
+            scanners.append(_Scanner(topic, normalise_frame(first.header.frame_id), len(first.ranges), delays))
     if not scanners:
         there = ", ".join(f"{topic.name} ({topic.type})" for topic in recording.topics)
         raise RecordingError(f"{recording.path}: no laser scans in this recording; there are {there}")
@@ -163,7 +163,7 @@ def _connected(
     by_name: bool,
 ) -> Tuple[List[_Scanner], List[str], List[str]]:
     """Scanners that share a tree with the world, the frames from the first of them to the root, and notes."""
-    worlds = [frame(world_frame)] if world_frame is not None else [frames.world, frames.odom]
+    worlds = [normalise_frame(world_frame)] if world_frame is not None else [frames.world, frames.odom]
     lines = {scanner.frame_id: _ancestors(scanner.frame_id, parents) for scanner in scanners}
     ranked = sorted(scanners, key=lambda scanner: scanner.rank)
     for world in worlds:
@@ -200,7 +200,7 @@ def _connected(
 def _frames(chain: Sequence[str], frames: FramesConfig, world_frame: Optional[str]) -> FramesConfig:
     """Names of the frames on the way from a scanner to the root."""
     if world_frame is not None:
-        world = frame(world_frame)
+        world = normalise_frame(world_frame)
     else:
         world = next((name for name in (frames.world, frames.odom) if name in chain), chain[-1])
     below = list(chain[: chain.index(world) + 1])  # scanner ... world
@@ -215,7 +215,7 @@ def _map(recording: Recording, connected: Any) -> Optional[Topic]:
     """A map whose frame is connected with a scanner; costmaps are no maps."""
     for topic in recording.of_kind("OccupancyGrid"):
         first = _sample(recording, topic)[0][1]
-        if "costmap" not in topic.name and frame(first.header.frame_id) in connected:
+        if "costmap" not in topic.name and normalise_frame(first.header.frame_id) in connected:
             return topic
     return None
 
@@ -224,12 +224,17 @@ def _localisation(recording: Recording, world: str) -> Optional[Topic]:
     candidates = []
     for topic in recording.of_kind("PoseWithCovarianceStamped"):
         first = _sample(recording, topic)[0][1]
-        if frame(first.header.frame_id) == world and not topic.name.endswith("initialpose"):
+        if normalise_frame(first.header.frame_id) == world and not topic.name.endswith("initialpose"):
             candidates.append(topic)
     return max(candidates, key=lambda topic: topic.count, default=None)
 
 
-def _ground_truth(recording: Recording, name: Optional[str]) -> Optional[Topic]:
+def find_ground_truth(recording: Recording, name: Optional[str] = None) -> Optional[Topic]:
+    """Topic of annotated people: the one asked for, else one that is called so, else one of a type for people.
+
+    Raises:
+        RecordingError: the topic that was asked for is not there.
+    """
     if name is not None:
         return recording.topic(name)
     topics = [topic for topic in recording.topics if topic.count]

@@ -15,8 +15,8 @@ from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 
 from people_fusion.core.errors import RecordingError
-from people_fusion.core.transforms import TransformSource
-from people_fusion.replay.conversions import frame, stamp
+from people_fusion.core.transforms import TransformSource, normalise_frame
+from people_fusion.replay.conversions import stamp
 from people_fusion.replay.recording import Recording, Topic
 
 UNOBSERVED_VARIANCE = 1e6
@@ -86,14 +86,14 @@ def read_ground_truth(
     for recorded in recording.messages([topic, *scans], start_s, duration_s):
         message = recorded.read()
         if recorded.topic in scan_names:
-            scan_stamp_ns, scan_frame = stamp(message.header), frame(message.header.frame_id)
+            scan_stamp_ns, scan_frame = stamp(message.header), normalise_frame(message.header.frame_id)
             continue
         header = getattr(message, "header", None)
         stamp_ns = (stamp(header) if header is not None else 0) or scan_stamp_ns
-        frame_id = (frame(header.frame_id) if header is not None else "") or scan_frame
+        frame_id = (normalise_frame(header.frame_id) if header is not None else "") or scan_frame
         persons = _persons(message)
         if persons is None:
-            raise RecordingError(f"{recording.path}: no people are found in the messages of {topic.name} ({topic.type})")
+            raise RecordingError(f"{recording.path}: no people in the messages of {topic.name} ({topic.type})")
         if not stamp_ns or frames.setdefault(stamp_ns, frame_id) != frame_id or not frame_id:
             continue  # nobody tells when and where
         instant = people.setdefault(stamp_ns, {})

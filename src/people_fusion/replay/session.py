@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, NamedTuple, Optional, Tuple
+from functools import partial
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
 from people_fusion.core.errors import DataError, TransformUnavailable
+from people_fusion.core.grids import OccupancyGrid
 from people_fusion.core.measurements import Measurement
 from people_fusion.core.scans import Scan
 from people_fusion.core.transforms import TransformTree
@@ -53,27 +55,29 @@ class Session:
     Attributes:
         fusion: where the tracks are.
         transforms: the recording's transforms so far.
+        grid: newest map, or None.
     """
 
     def __init__(
         self,
         config: FusionConfig,
         sources: Sources,
-        before: Callable[[int], None] = lambda stamp_ns: None,
-        after: Callable[[Update], None] = lambda update: None,
+        before: Optional[Callable[[int], None]] = None,
+        after: Optional[Callable[[Update], None]] = None,
     ) -> None:
         self.transforms = TransformTree(config.transforms.history_s)
         self.fusion = Fusion(config, self.transforms)
+        self.grid: Optional[OccupancyGrid] = None
         self._sources, self._before, self._after = sources, before, after
-        self._cues: Dict[str, Cue] = {
-            topic.name: CUES.build(config.leg_cue, name=topic.name.strip("/"), frames=config.frames)
-            for topic in sources.scans
-        }
         self._waiting: WaitingRoom[_Waiting] = WaitingRoom(self._is_ready, config.transforms.patience_s)
-        self._feeders: Dict[str, Callable[[Any, RecordedMessage], None]] = {
-            **{topic.name: self._feed_static if _is_static(topic) else self._feed_links for topic in sources.transforms},
-            **{topic.name: self._feed_scan for topic in sources.scans},
-        }
+        self._cues: List[Cue] = []
+        self._feeders: Dict[str, Callable[[Any], None]] = {}
+        for topic in sources.transforms:
+            self._feeders[topic.name] = partial(self._feed_links, is_static=_is_static(topic))
+        for topic in sources.scans:
+            cue = CUES.build(config.leg_cue, name=topic.name.strip("/"), frames=config.frames)
+            self._cues.append(cue)
+            self._feeders[topic.name] = partial(self._feed_scan, cue)
         if sources.localisation:
             self._feeders[sources.localisation.name] = self._feed_localisation
         if sources.map:
@@ -90,7 +94,7 @@ class Session:
         sources = self._sources
         latched = [topic for topic in sources.transforms if _is_static(topic)]
         latched += [sources.map] if sources.map else []
-        others = [topic for topic in (sources.localisation,) if topic is not None]
+        others = [sources.localisation] if sources.localisation else []
         if start_s > 0.0:
             for recorded in recording.messages(latched, 0.0, start_s):
                 self.feed(recorded)
@@ -104,7 +108,7 @@ class Session:
         """Take one message; messages come in order of arrival."""
         self._now_ns = recorded.arrival_ns - self._sources.clock_offset_ns
         try:
-            self._feeders[recorded.topic](recorded.read(), recorded)
+            self._feeders[recorded.topic](recorded.read())
         except DataError as error:
             self._counts[error.reason] += 1
         if len(self._waiting):
@@ -128,31 +132,27 @@ class Session:
         """Scans that went through."""
         return self._counts["scans processed"]
 
-    def _feed_links(self, message: Any, recorded: RecordedMessage, static: bool = False) -> None:
+    def _feed_links(self, message: Any, is_static: bool) -> None:
         for link in conversions.links(message):
             if (link.parent, link.child) in self._sources.links:
                 try:
-                    self.transforms.add(link.parent, link.child, link.stamp_ns, link.pose(), static=static)
+                    self.transforms.add(link.parent, link.child, link.stamp_ns, link.pose(), static=is_static)
                 except DataError as error:
                     self._counts[f"transform: {error.reason}"] += 1
 
-    def _feed_static(self, message: Any, recorded: RecordedMessage) -> None:
-        self._feed_links(message, recorded, static=True)
-
-    def _feed_localisation(self, message: Any, recorded: RecordedMessage) -> None:
+    def _feed_localisation(self, message: Any) -> None:
         self.fusion.transforms.add_localisation(
             conversions.stamp(message.header), conversions.uncertain_pose(message.pose)
         )
 
-    def _feed_map(self, message: Any, recorded: RecordedMessage) -> None:
-        grid = conversions.occupancy_grid(message)
-        self.fusion.set_map(grid)
-        for cue in self._cues.values():
-            cue.set_map(grid)
+    def _feed_map(self, message: Any) -> None:
+        self.grid = conversions.occupancy_grid(message)
+        self.fusion.set_map(self.grid)
+        for cue in self._cues:
+            cue.set_map(self.grid)
 
-    def _feed_scan(self, message: Any, recorded: RecordedMessage) -> None:
+    def _feed_scan(self, cue: Cue, message: Any) -> None:
         self._counts["scans"] += 1
-        cue = self._cues[recorded.topic]
         scan = conversions.scan(message)
         requests = cue.transforms_needed(scan) if self._sources.transforms else ()
         own = TransformRequest(self.fusion.tracking_frame, scan.frame_id, scan.stamp_ns)
@@ -168,7 +168,8 @@ class Session:
         for waiting in self._waiting.poll(now_ns):
             try:
                 measurement = waiting.cue.measure(waiting.scan, self.transforms if self._sources.transforms else None)
-                self._before(measurement.stamp_ns)
+                if self._before is not None:
+                    self._before(measurement.stamp_ns)
                 changed = self.fusion.push(measurement, self._now_ns)
             except DataError as error:
                 self._counts[error.reason] += 1
@@ -176,7 +177,8 @@ class Session:
                 self._counts["transform unavailable"] += 1
             else:
                 self._counts["scans processed"] += 1
-                self._after(Update(measurement, changed, arrival_ns))
+                if self._after is not None:
+                    self._after(Update(measurement, changed, arrival_ns))
 
 
 def _is_static(topic: Topic) -> bool:

@@ -13,7 +13,8 @@ from people_fusion.core.errors import RecordingError
 from people_fusion.core.measurements import Measurement
 from people_fusion.core.stamps import NANOSECONDS, from_seconds, split, to_seconds
 from people_fusion.core.tracks import Tracks
-from people_fusion.replay.conversions import frame, stamp
+from people_fusion.core.transforms import normalise_frame
+from people_fusion.replay.conversions import stamp
 from people_fusion.replay.recording import Recording, Topic
 from people_fusion.replay.typestore import typestore
 
@@ -189,7 +190,7 @@ def _tracks(message: Any) -> Tracks:
         covariances[row, 3:, 3:] = person.twist.covariance.reshape(6, 6)[:2, :2]
     return Tracks(
         stamp_ns=stamp(message.header),
-        frame_id=frame(message.header.frame_id),
+        frame_id=normalise_frame(message.header.frame_id),
         ids=np.array([person.track_id for person in people], dtype=np.int64),
         means=means,
         covariances=covariances,

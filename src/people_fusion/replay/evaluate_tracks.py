@@ -1,0 +1,113 @@
+"""The command `evaluate_tracks`: score tracks that were recorded from the live graph against annotated people."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import List, Optional, Sequence, Tuple
+
+import numpy as np
+from rich.console import Console
+
+from people_fusion.core.errors import DataError, RecordingError, TransformUnavailable
+from people_fusion.core.stamps import to_seconds
+from people_fusion.core.tracks import Tracks
+from people_fusion.core.transforms import TransformTree
+from people_fusion.evaluation.clear_mot import THRESHOLD_M
+from people_fusion.replay.conversions import links
+from people_fusion.replay.discovery import find_ground_truth
+from people_fusion.replay.ground_truth import Instant, read_ground_truth
+from people_fusion.replay.recording import Recording
+from people_fusion.replay.replay import Selection, score
+from people_fusion.replay.results import figures, guarded, print_scores, write_json
+from people_fusion.replay.track_bag import PREDICTION_LIMIT_NS, TRACKS_TOPIC, predicted, read_tracks
+
+
+def main(arguments: Optional[List[str]] = None) -> int:
+    """Entry of scripts/evaluate_tracks; returns the exit status."""
+    options = _parser().parse_args(arguments)
+    errors = Console(stderr=True)
+    return guarded("evaluate_tracks", lambda: run(options, Console(), errors), errors)
+
+
+def run(options: argparse.Namespace, console: Console, notes: Console) -> None:
+    """Evaluate, print and write what was asked for.
+
+    Raises:
+        PeopleFusionError: a bag or topic is not usable.
+    """
+    with Recording(options.bag) as recording:
+        tracks = read_tracks(recording, recording.topic(options.tracks))
+    if not tracks:
+        raise RecordingError(f"{options.bag}: no messages on {options.tracks}")
+    frame_id = tracks[0].frame_id
+    instants, transforms = read_truth(options.truth or options.bag, options.ground_truth, frame_id)
+    samples = sample(tracks, instants, transforms)
+    notes.print(f"{len(samples)} of {len(instants)} annotated instants lie within the tracks", highlight=False)
+    selection = Selection(only_annotated=options.only_annotated, threshold_m=options.threshold)
+    evaluation = score(samples, selection)[2] if samples else None
+    result = figures(evaluation)
+    print_scores(result, console)
+    if options.json is not None:
+        write_json(options.json, result)
+
+
+def read_truth(path: Path, topic: Optional[str], frame_id: str) -> Tuple[List[Instant], TransformTree]:
+    """Annotated people of a recording, and its transforms where the people are in another frame than `frame_id`.
+
+    Raises:
+        RecordingError: the recording is damaged or has no ground truth.
+    """
+    with Recording(path) as recording:
+        found = find_ground_truth(recording, topic)
+        if found is None:
+            raise RecordingError(f"{path}: no ground truth in this recording")
+        instants = read_ground_truth(recording, found, recording.of_kind("LaserScan"))
+        transforms = TransformTree(to_seconds(recording.end_ns - recording.start_ns))
+        if any(instant.frame_id != frame_id for instant in instants):
+            for recorded in recording.messages(recording.of_kind("TFMessage", "tfMessage")):
+                for link in links(recorded.read()):
+                    try:
+                        is_static = recorded.topic.endswith("tf_static")
+                        transforms.add(link.parent, link.child, link.stamp_ns, link.pose(), static=is_static)
+                    except DataError:
+                        continue  # the recording's replay counts them
+    return instants, transforms
+
+
+def sample(
+    tracks: Sequence[Tracks], instants: Sequence[Instant], transforms: TransformTree
+) -> List[Tuple[Instant, Tracks]]:
+    """At each annotated instant within the tracks the newest tracks that are not newer, predicted to it.
+
+    Where they are older than `PREDICTION_LIMIT_NS`, nobody was reported.
+    """
+    stamps_ns = np.array([entry.stamp_ns for entry in tracks], dtype=np.int64)
+    order = np.argsort(stamps_ns, kind="stable")
+    samples = []
+    for instant in instants:
+        place = int(np.searchsorted(stamps_ns[order], instant.stamp_ns, side="right"))
+        if place == 0 or instant.stamp_ns > stamps_ns[order[-1]]:
+            continue
+        newest = tracks[order[place - 1]]
+        shown = predicted(newest, instant.stamp_ns)
+        if instant.stamp_ns - newest.stamp_ns > PREDICTION_LIMIT_NS:
+            shown = shown.select(np.zeros(len(shown), dtype=bool))
+        try:
+            samples.append((instant.into(newest.frame_id, transforms), shown))
+        except TransformUnavailable:
+            continue
+    return samples
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="evaluate_tracks", description=__doc__)
+    add = parser.add_argument
+    add("bag", type=Path, help="ROS 1 bag with tracks")
+    add("--truth", type=Path, metavar="BAG", help="recording with annotated people (default: the same bag)")
+    add("--tracks", default=TRACKS_TOPIC, metavar="TOPIC", help="topic of the tracks (default %(default)s)")
+    add("--ground-truth", metavar="TOPIC", help="topic of the annotated people (default: found by name and type)")
+    add("--json", type=Path, metavar="FILE", help="write the table")
+    add("--only-annotated", action="store_true", help="not everybody is annotated: count no false positives")
+    add("--threshold", type=float, default=THRESHOLD_M, metavar="M", help="largest distance of a match, default 0.5")
+    return parser

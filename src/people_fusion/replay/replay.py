@@ -1,0 +1,151 @@
+"""From a recording and a preset to tracks and scores."""
+
+from __future__ import annotations
+
+import dataclasses
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Callable, Dict, Optional, Sequence, Tuple, Union
+
+from people_fusion.core.errors import RecordingError
+from people_fusion.core.grids import OccupancyGrid
+from people_fusion.core.stamps import from_seconds, to_seconds
+from people_fusion.core.tracks import Tracks
+from people_fusion.evaluation.clear_mot import THRESHOLD_M
+from people_fusion.evaluation.evaluate import Evaluation, evaluate
+from people_fusion.evaluation.truth import Estimates, Truth
+from people_fusion.replay.discovery import Sources, discover
+from people_fusion.replay.ground_truth import Instant, read_ground_truth
+from people_fusion.replay.recording import Recording
+from people_fusion.replay.sampling import Sampler, together
+from people_fusion.replay.session import Session, Update
+from people_fusion.replay.track_bag import TrackWriter
+from people_fusion.tracking.fusion import FusionConfig
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Which part of a recording is replayed, and how it is scored.
+
+    Attributes:
+        scans: topics; empty: found by type.
+        world_frame: frame of the tracks; None: found in tf.
+        ground_truth: topic; None: found by name and type.
+        start_s: seconds after the recording's start.
+        duration_s: seconds, None to the end.
+        only_annotated: not everybody is annotated: false positives are not counted.
+        threshold_m: largest distance of a person and his track.
+    """
+
+    scans: Tuple[str, ...] = ()
+    world_frame: Optional[str] = None
+    ground_truth: Optional[str] = None
+    start_s: float = 0.0
+    duration_s: Optional[float] = None
+    only_annotated: bool = False
+    threshold_m: float = THRESHOLD_M
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What came of a replay.
+
+    Attributes:
+        sources: what was taken of the recording.
+        recorded_s: duration of the part that was replayed.
+        scans, processed: scans that arrived and that went through.
+        counters: events by name.
+        truth, estimates: annotated and reported people, or None without ground truth.
+        evaluation: scores, or None without ground truth.
+        grid: map of the recording, or None.
+    """
+
+    sources: Sources
+    recorded_s: float
+    scans: int
+    processed: int
+    counters: Dict[str, int]
+    truth: Optional[Truth]
+    estimates: Optional[Estimates]
+    evaluation: Optional[Evaluation]
+    grid: Optional[OccupancyGrid]
+
+
+def replay(
+    path: Union[str, Path],
+    config: FusionConfig,
+    selection: Selection,
+    out: Optional[Path] = None,
+    found: Optional[Callable[[Sources], None]] = None,
+    progress: Optional[Callable[[float], None]] = None,
+) -> Outcome:
+    """Run a preset over a recording.
+
+    Args:
+        path: ROS 1 bag.
+        config: preset; its frames are preferences.
+        selection: which part, and how it is scored.
+        out: bag for detections and tracks.
+        found: called once with what is taken.
+        progress: called after each scan with its arrival in seconds after the recording's start.
+
+    Raises:
+        RecordingError: the recording is damaged, lacks what was asked for, or no scan of it could be used.
+    """
+    with ExitStack() as stack:
+        recording = stack.enter_context(Recording(path))
+        sources = discover(
+            recording, config.frames, selection.scans, selection.world_frame, selection.ground_truth
+        )
+        if found is not None:
+            found(sources)
+        instants: Sequence[Instant] = ()
+        if sources.ground_truth is not None:
+            instants = read_ground_truth(
+                recording, sources.ground_truth, sources.scans, selection.start_s, selection.duration_s
+            )
+        writer = stack.enter_context(TrackWriter(out)) if out is not None else None
+        sampler = Sampler(instants)
+
+        def before(stamp_ns: int) -> None:
+            sampler.until(stamp_ns, session.fusion, session.transforms)
+
+        def after(update: Update) -> None:
+            if writer is not None:
+                writer.write_measurement(update.measurement, update.arrival_ns)
+                writer.write_tracks(session.fusion.tracks(), update.arrival_ns)
+            if progress is not None:
+                progress(to_seconds(update.arrival_ns - recording.start_ns))
+
+        session = Session(dataclasses.replace(config, frames=sources.frames), sources, before, after)
+        session.run(recording, selection.start_s, selection.duration_s)
+        counters = session.counters()
+        if not session.processed:
+            reasons = ", ".join(f"{name}: {count}" for name, count in counters.items() if count) or "there are none"
+            raise RecordingError(f"{path}: no scan could be used ({reasons})")
+        span_ns = recording.end_ns - recording.start_ns - from_seconds(selection.start_s)
+        if selection.duration_s is not None:
+            span_ns = min(span_ns, from_seconds(selection.duration_s))
+    truth, estimates, evaluation = score(sampler.samples, selection) if instants else (None, None, None)
+    if sampler.skipped:
+        counters["annotated instants without transform"] = sampler.skipped
+    return Outcome(
+        sources,
+        to_seconds(span_ns),
+        session.scans,
+        session.processed,
+        counters,
+        truth,
+        estimates,
+        evaluation,
+        session.grid,
+    )
+
+
+def score(
+    samples: Sequence[Tuple[Instant, Tracks]], selection: Selection
+) -> Tuple[Truth, Estimates, Evaluation]:
+    """Evaluation of tracks and annotated people at the same instants."""
+    truth, estimates = together(samples)
+    return truth, estimates, evaluate(truth, estimates, selection.threshold_m, selection.only_annotated)

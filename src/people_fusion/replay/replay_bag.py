@@ -1,0 +1,132 @@
+"""The command `replay_bag`: cues and tracker over a recording, without a master, with the CLEAR-MOT table."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any, Dict, List, Optional
+
+import yaml
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from people_fusion.core.config import merge
+from people_fusion.core.errors import ConfigError
+from people_fusion.evaluation.clear_mot import THRESHOLD_M
+from people_fusion.replay.discovery import Sources
+from people_fusion.replay.replay import Outcome, Selection, replay
+from people_fusion.replay.results import figures, guarded, print_scores, write_json
+from people_fusion.tracking.fusion import load_config
+
+
+def main(arguments: Optional[List[str]] = None) -> int:
+    """Entry of scripts/replay_bag; returns the exit status."""
+    options = _parser().parse_args(arguments)
+    errors = Console(stderr=True)
+    return guarded("replay_bag", lambda: run(options, Console(), errors), errors)
+
+
+def run(options: argparse.Namespace, console: Console, progress_console: Console) -> None:
+    """Replay, print and write what was asked for.
+
+    Raises:
+        PeopleFusionError: a file, topic, frame or parameter is not usable.
+    """
+    config = load_config(options.config, overrides(options.set))
+    selection = Selection(
+        scans=tuple(options.scan),
+        world_frame=options.world_frame,
+        ground_truth=options.ground_truth,
+        start_s=_not_negative("--start", options.start),
+        duration_s=None if options.duration is None else _not_negative("--duration", options.duration),
+        only_annotated=options.only_annotated,
+        threshold_m=_not_negative("--threshold", options.threshold),
+    )
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=progress_console, transient=True) as bar:
+        task = bar.add_task("replay", total=None)
+
+        def found(sources: Sources) -> None:
+            for line in sources.notes:
+                bar.console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+        wall_s, cpu_s = time.perf_counter(), time.process_time()
+        outcome = replay(options.bag, config, selection, options.out, found, lambda s: bar.update(task, completed=s))
+        wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
+    result = {
+        **figures(outcome.evaluation),
+        "realtime_factor": outcome.recorded_s / wall_s,
+        "cpu_ms_per_scan": 1000.0 * cpu_s / outcome.scans,
+        "recorded_s": outcome.recorded_s,
+        "scans": outcome.scans,
+        "scans_processed": outcome.processed,
+        "events": outcome.counters,
+        "taken": list(outcome.sources.notes),
+    }
+    print_scores(result, console)
+    _print_events(outcome, result, console)
+    if options.json is not None:
+        write_json(options.json, result)
+
+
+def overrides(settings: List[str]) -> Dict[str, Any]:
+    """Nested mapping of `key/path=value` settings, the values in YAML.
+
+    Raises:
+        ConfigError: a setting has no `=` or its value is not YAML.
+    """
+    mapping: Dict[str, Any] = {}
+    for setting in settings:
+        path, equals, text = setting.partition("=")
+        if not equals or not path:
+            raise ConfigError(f"--set {setting}: expected key/path=value")
+        try:
+            value = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise ConfigError(f"--set {setting}: the value is not YAML") from error
+        for key in reversed(path.split("/")):
+            value = {key: value}
+        mapping = merge(mapping, value)
+    return mapping
+
+
+def _print_events(outcome: Outcome, result: Dict[str, Any], console: Console) -> None:
+    console.print(
+        f"{outcome.processed} of {outcome.scans} scans in {outcome.recorded_s:.1f} s of recording, "
+        f"{result['realtime_factor']:.0f} times real time, {result['cpu_ms_per_scan']:.2f} ms CPU a scan",
+        highlight=False,
+    )
+    for name, count in sorted(outcome.counters.items()):
+        if count and name not in ("scans", "scans processed"):
+            console.print(f"  {name}: {count}", markup=False, highlight=False)
+
+
+def _not_negative(name: str, value: float) -> float:
+    if not value >= 0.0:
+        raise ConfigError(f"{name}: {value} is negative")
+    return value
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="replay_bag", description=__doc__)
+    add = parser.add_argument
+    add("bag", type=Path, help="ROS 1 bag")
+    add("--config", metavar="FILE", help="preset: default, poschmann_t1, volkhardt or a YAML file (default: default)")
+    add("--set", metavar="KEY=VALUE", action="append", default=[], help="over the preset, e.g. buffer/type=drop")
+    add("--scan", metavar="TOPIC", nargs="+", action="extend", default=[], help="default: one of each scanner")
+    add("--world-frame", metavar="FRAME", help="frame of the tracks (default: map, else odom, else the scanner's)")
+    add("--ground-truth", metavar="TOPIC", help="annotated people (default: found by name and type)")
+    add("--start", type=float, default=0.0, metavar="S", help="seconds to leave out at the beginning")
+    add("--duration", type=float, metavar="S", help="seconds to replay")
+    add("--out", type=Path, metavar="BAG", help="write detections and tracks")
+    add("--json", type=Path, metavar="FILE", help="write the table")
+    add("--report", type=Path, metavar="DIR", help="write an HTML report with plots")
+    add("--only-annotated", action="store_true", help="not everybody is annotated: count no false positives")
+    add("--threshold", type=float, default=THRESHOLD_M, metavar="M", help="largest distance of a match, default 0.5")
+    return parser
