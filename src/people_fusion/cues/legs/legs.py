@@ -192,9 +192,8 @@ class LegCue(Cue):
         good = np.bincount(segments) >= config.min_segment_points
         if math.isfinite(config.max_segment_width):
             distances = np.sqrt(((points - clusters.means(points, segments)[segments]) ** 2).sum(axis=1))
-            widths = np.zeros(len(good))
-            np.maximum.at(widths, segments, 2.0 * distances)
-            good &= widths <= config.max_segment_width
+            members, starts = clusters.by_label(segments)
+            good &= 2.0 * np.maximum.reduceat(distances[members], starts) <= config.max_segment_width
         if config.min_segment_step:
             good &= self._stands_out(segments, hits, scan, ranges)
         return good[segments]
@@ -218,12 +217,13 @@ class LegCue(Cue):
     def _owners(self, legs: _Legs) -> np.ndarray:
         """(L,) index of the person of each leg: nearest legs of a group first, greedily; who is left is alone."""
         count = len(legs.centres)
-        first, second = np.triu_indices(count, 1)
-        distances = np.sqrt(((legs.centres[first] - legs.centres[second]) ** 2).sum(axis=1))
-        close = np.flatnonzero((distances <= self.config.pair_distance) & (legs.groups[first] == legs.groups[second]))
-        close = close[np.argsort(distances[close], kind="stable")]
+        if count < 2:
+            return np.arange(count)
+        pairs, distances = clusters.pairs_within(legs.centres, self.config.pair_distance)
+        pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0], distances))]
+        pairs = pairs[legs.groups[pairs[:, 0]] == legs.groups[pairs[:, 1]]]
         partner = list(range(count))
-        for a, b in zip(first[close].tolist(), second[close].tolist()):
+        for a, b in pairs.tolist():
             if partner[a] == a and partner[b] == b:
                 partner[a], partner[b] = b, a
         return clusters.relabel(np.minimum(partner, np.arange(count)).astype(int))
