@@ -1,0 +1,27 @@
+"""Names of all topics that the nodes use, relative but for those that ROS itself makes absolute."""
+
+from __future__ import annotations
+
+# Inputs.
+SCAN = "scan"  # sensor_msgs/LaserScan; the parameter `scans` may name others
+MAP = "map"  # nav_msgs/OccupancyGrid, latched
+LOCALISATION = "amcl_pose"  # geometry_msgs/PoseWithCovarianceStamped, base in world
+TF = "/tf"
+TF_STATIC = "/tf_static"
+
+# From cues to the tracker.
+DETECTIONS = "people_fusion/detections"  # people_fusion/DetectedPersons of every cue
+DETECTION_MARKERS = "people_fusion/detection_markers"  # visualization_msgs/MarkerArray
+
+# From the tracker.
+TRACKS = "people_fusion/tracks"  # people_fusion/TrackedPersons
+POSES = "people_fusion/poses"  # geometry_msgs/PoseArray
+MARKERS = "people_fusion/markers"  # visualization_msgs/MarkerArray
+PEOPLE = "people_fusion/people"  # people_msgs/People, where that package is installed
+SPENCER_TRACKS = "people_fusion/spencer_tracks"  # spencer_tracking_msgs/TrackedPersons, where that package is installed
+
+# With `compatible: strands`, what listeners of the STRANDS people tracker know.
+STRANDS_PEOPLE = "people_tracker/people"
+STRANDS_POSES = "people_tracker/pose_array"
+STRANDS_NEAREST = "people_tracker/pose"
+STRANDS_MARKERS = "people_tracker/marker_array"
