@@ -171,14 +171,14 @@ class People:
         config = self._behaviour
         self._begin(now_s)
         self._fidget(dt)
-        walking = np.array([bool(agenda.way) for agenda in self._agendas])
-        sitting = np.array([agenda.sits for agenda in self._agendas])
-        wanted = np.stack([self._wanted(person) for person in range(len(self))])
+        walking = np.array([bool(agenda.way) for agenda in self._agendas], dtype=bool)
+        sitting = np.array([agenda.sits for agenda in self._agendas], dtype=bool)
+        wanted = np.array([self._wanted(person) for person in range(len(self))]).reshape(-1, 2)
         force = self._forces(walking, robot, robot_radius)
         force[sitting] = 0.0
         self.velocities += dt * ((wanted - self.velocities) / config.relaxation_s + force)
         speed = np.linalg.norm(self.velocities, axis=1, keepdims=True)
-        limit = 1.4 * np.array([[agenda.speed] for agenda in self._agendas])
+        limit = 1.4 * np.array([agenda.speed for agenda in self._agendas])[:, None]
         self.velocities *= np.minimum(1.0, limit / np.maximum(speed, 1e-9))
         before = self.centres
         self.centres = before + dt * self.velocities
@@ -314,7 +314,7 @@ class People:
         strength *= np.where(walking[:, None], 1.0, np.where(by_walker, 0.3, 0.0))  # who stands yields to walkers only
         keep_right = unit + 0.4 * np.stack([unit[..., 1], -unit[..., 0]], axis=-1) * walking[:, None, None]
         force += np.einsum("nk,nki->ni", strength, keep_right)
-        near_place = np.array([len(agenda.way) == 1 for agenda in self._agendas])
+        near_place = np.array([len(agenda.way) == 1 for agenda in self._agendas], dtype=bool)
         weight = np.where(walking, np.where(near_place, 0.3, 1.0), 0.0)
         return force + config.wall_force * weight[:, None] * self._plan.repulsion(self.centres, config.wall_reach)
 

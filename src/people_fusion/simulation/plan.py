@@ -129,7 +129,7 @@ class Plan:
         return grid
 
     def grid(self, seen_from: np.ndarray) -> OccupancyGrid:
-        """The robot's map: mapped surfaces occupied, what can be reached from `seen_from` (2,) free, all else unknown."""
+        """The robot's map: mapped surfaces occupied, what can be reached from `seen_from` (2,) free, else unknown."""
         resolution = self._resolution
         lower = np.floor((self.bounds[0] - 0.5) / resolution) * resolution
         width, height = (int(cells) for cells in np.ceil((self.bounds[1] + 0.5 - lower) / resolution))

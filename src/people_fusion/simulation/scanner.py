@@ -89,7 +89,7 @@ class Scanner:
         ranges, hits, cosines = self.exact(history, start_s)
         noise, chance = rng.standard_normal(config.beams), rng.random((4, config.beams))
         lost = self._lost(history.darkness, ranges, hits, cosines, chance[0]) | (chance[1] < config.dropout)
-        ranges = self._mix(ranges, chance[2], chance[3]) + config.noise_std * noise
+        ranges = self._mix(ranges, hits, chance[2], chance[3]) + config.noise_std * noise
         if config.quantisation > 0.0:
             ranges = np.round(ranges / config.quantisation) * config.quantisation
         ranges = np.where(ranges > config.range_max, np.inf, ranges)
@@ -160,14 +160,14 @@ class Scanner:
         lost[on_leg] = (chance[on_leg] < dark**echo) & (dark > 0.0)
         return lost
 
-    def _mix(self, ranges: np.ndarray, chance: np.ndarray, share: np.ndarray) -> np.ndarray:
+    def _mix(self, ranges: np.ndarray, hits: np.ndarray, chance: np.ndarray, share: np.ndarray) -> np.ndarray:
         """Ranges, some of those beside an edge moved between both surfaces, as the spot lies on both."""
-        following = np.append(ranges[1:], np.inf)
-        with np.errstate(invalid="ignore"):
-            jump = following - ranges
-        edge = (np.abs(jump) > 0.05) & (np.abs(jump) < self.config.mixed_reach)
-        mixes = edge & (chance < self.config.mixed_probability)
-        return ranges + np.where(mixes, share * np.where(mixes, jump, 0.0), 0.0)
+        config = self.config
+        edge = (hits[1:] != hits[:-1]) & (hits[1:] >= 0) & (hits[:-1] >= 0)
+        jump = np.zeros(len(ranges))
+        jump[:-1][edge] = ranges[1:][edge] - ranges[:-1][edge]
+        mixes = (np.abs(jump) < config.mixed_reach) & (chance < config.mixed_probability)
+        return ranges + np.where(mixes, share * jump, 0.0)
 
 
 def _within(angles: np.ndarray, sector: SectorConfig) -> np.ndarray:
