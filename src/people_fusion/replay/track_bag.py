@@ -87,6 +87,7 @@ class TrackWriter:
             measurement.stamp_ns,
             measurement.frame_id,
             measurement.cue,
+            measurement.modality,
             measurement.sequence,
             float(measurement.period_s),
             [self._detected(measurement, row) for row in range(len(measurement))],
