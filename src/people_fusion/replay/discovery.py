@@ -98,7 +98,7 @@ def discover(
         *notes,
         f"frames: world {found.world}, odometry {found.odom or 'none'}, base {found.base}",
         f"localisation {localisation.name}" if localisation else "no localisation: the robot's pose is taken as exact",
-        f"map {grid.name}" if grid else "no map",
+        f"map {grid.name}" if grid else "no map that is connected with the scanners",
         f"ground truth {truth.name} ({truth.type})" if truth else "no ground truth",
     ]
     if abs(offset_ns) > NOTABLE_OFFSET_NS:

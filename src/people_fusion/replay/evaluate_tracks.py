@@ -27,10 +27,10 @@ def main(arguments: Optional[List[str]] = None) -> int:
     """Entry of scripts/evaluate_tracks; returns the exit status."""
     options = _parser().parse_args(arguments)
     errors = Console(stderr=True)
-    return guarded("evaluate_tracks", lambda: run(options, Console(), errors), errors)
+    return guarded("evaluate_tracks", lambda: run(options, errors), errors)
 
 
-def run(options: argparse.Namespace, console: Console, notes: Console) -> None:
+def run(options: argparse.Namespace, notes: Console) -> None:
     """Evaluate, print and write what was asked for.
 
     Raises:
@@ -46,10 +46,9 @@ def run(options: argparse.Namespace, console: Console, notes: Console) -> None:
     notes.print(f"{len(samples)} of {len(instants)} annotated instants lie within the tracks", highlight=False)
     selection = Selection(only_annotated=options.only_annotated, threshold_m=options.threshold)
     evaluation = score(samples, selection)[2] if samples else None
-    result = figures(evaluation)
-    print_scores(result, console)
+    print_scores(options.bag.stem, evaluation)
     if options.json is not None:
-        write_json(options.json, result)
+        write_json(options.json, figures(evaluation))
 
 
 def read_truth(path: Path, topic: Optional[str], frame_id: str) -> Tuple[List[Instant], TransformTree]:

@@ -12,22 +12,25 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from people_fusion.core.config import merge
-from people_fusion.core.errors import ConfigError
+from people_fusion.core.errors import ConfigError, RecordingError
 from people_fusion.evaluation.clear_mot import THRESHOLD_M
+from people_fusion.evaluation.report import run_report, write_report
 from people_fusion.replay.discovery import Sources
 from people_fusion.replay.replay import Outcome, Selection, replay
-from people_fusion.replay.results import figures, guarded, print_scores, write_json
+from people_fusion.replay.results import figures, guarded, print_scores, settings, write_json
 from people_fusion.tracking.fusion import load_config
+
+ARRIVALS = ("scans", "scans processed")
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
     """Entry of scripts/replay_bag; returns the exit status."""
     options = _parser().parse_args(arguments)
     errors = Console(stderr=True)
-    return guarded("replay_bag", lambda: run(options, Console(), errors), errors)
+    return guarded("replay_bag", lambda: run(options, errors), errors)
 
 
-def run(options: argparse.Namespace, console: Console, progress_console: Console) -> None:
+def run(options: argparse.Namespace, notes: Console) -> None:
     """Replay, print and write what was asked for.
 
     Raises:
@@ -49,12 +52,12 @@ def run(options: argparse.Namespace, console: Console, progress_console: Console
         TextColumn("{task.percentage:3.0f} %"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=progress_console, transient=True) as bar:
+    with Progress(*columns, console=notes, transient=True, disable=not notes.is_terminal) as bar:
         task = bar.add_task("replay", total=None)
 
         def found(sources: Sources) -> None:
             for line in sources.notes:
-                bar.console.print(line, markup=False, highlight=False, soft_wrap=True)
+                notes.print(line, markup=False, highlight=False, soft_wrap=True)
 
         wall_s, cpu_s = time.perf_counter(), time.process_time()
         outcome = replay(options.bag, config, selection, options.out, found, lambda s: bar.update(task, completed=s))
@@ -69,10 +72,14 @@ def run(options: argparse.Namespace, console: Console, progress_console: Console
         "events": outcome.counters,
         "taken": list(outcome.sources.notes),
     }
-    print_scores(result, console)
-    _print_events(outcome, result, console)
+    name = Path(options.config or "default").stem
+    print_scores(name, outcome.evaluation)
+    for line in _lines(outcome, result):
+        print(line)
     if options.json is not None:
         write_json(options.json, result)
+    if options.report is not None:
+        _report(options.report, f"{options.bag.stem}, {name}", outcome, settings(config), _lines(outcome, result))
 
 
 def overrides(settings: List[str]) -> Dict[str, Any]:
@@ -96,15 +103,35 @@ def overrides(settings: List[str]) -> Dict[str, Any]:
     return mapping
 
 
-def _print_events(outcome: Outcome, result: Dict[str, Any], console: Console) -> None:
-    console.print(
+def _lines(outcome: Outcome, result: Dict[str, Any]) -> List[str]:
+    events = sorted((name, count) for name, count in outcome.counters.items() if count and name not in ARRIVALS)
+    return [
         f"{outcome.processed} of {outcome.scans} scans in {outcome.recorded_s:.1f} s of recording, "
         f"{result['realtime_factor']:.0f} times real time, {result['cpu_ms_per_scan']:.2f} ms CPU a scan",
-        highlight=False,
+        *(f"{name}: {count}" for name, count in events),
+    ]
+
+
+def _report(
+    directory: Path, title: str, outcome: Outcome, parameters: Dict[str, Any], lines: List[str]
+) -> None:
+    if outcome.truth is None or outcome.estimates is None or outcome.evaluation is None:
+        raise RecordingError(f"{directory}: nothing is annotated, so there is nothing to report")
+    html = run_report(
+        title,
+        outcome.truth,
+        outcome.estimates,
+        outcome.evaluation,
+        outcome.grid,
+        parameters,
+        outcome.counters,
+        [*outcome.sources.notes, lines[0]],
     )
-    for name, count in sorted(outcome.counters.items()):
-        if count and name not in ("scans", "scans processed"):
-            console.print(f"  {name}: {count}", markup=False, highlight=False)
+    try:
+        write_report(directory / "report.html", html)
+    except OSError as error:
+        raise RecordingError(f"{directory}: {error.strerror}") from error
+    print(directory / "report.html")
 
 
 def _not_negative(name: str, value: float) -> float:

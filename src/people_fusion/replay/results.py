@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from pathlib import Path
 from typing import Any, Callable, Dict, Mapping, Optional
 
 from rich.console import Console
-from rich.table import Table
 
 from people_fusion.core.errors import PeopleFusionError, RecordingError
 from people_fusion.evaluation.evaluate import Evaluation, Scores
-
-PERCENT = ("mota", "miss_rate", "false_positive_rate", "mismatch_rate", "recall", "precision", "idf1", "hota")
-COUNTS = ("identity_switches", "ground_truth_count", "frames")
+from people_fusion.evaluation.tables import count_table, score_table
 
 
 def figures(evaluation: Optional[Evaluation]) -> Dict[str, Any]:
@@ -24,25 +22,27 @@ def figures(evaluation: Optional[Evaluation]) -> Dict[str, Any]:
     return evaluation.to_dict()
 
 
-def print_scores(scores: Mapping[str, Any], console: Console) -> None:
+def print_scores(name: str, evaluation: Optional[Evaluation]) -> None:
     """The CLEAR-MOT table, or a line that says why there is none."""
-    if scores["ground_truth_count"] is None:
-        console.print("No ground truth: nothing is scored.")
+    if evaluation is None:
+        print("nothing is annotated, nothing is scored")
         return
-    table = Table(show_edge=False)
-    values = []
-    for name in PERCENT:
-        table.add_column(name.replace("_rate", "").replace("_", " "), justify="right")
-        values.append("–" if scores[name] is None else f"{100.0 * scores[name]:.1f} %")
-    table.add_column("motp", justify="right")
-    values.append("–" if scores["motp_m"] is None else f"{1000.0 * scores['motp_m']:.0f} mm")
-    table.add_column("nees", justify="right")
-    values.append("–" if scores["nees"] is None else f"{scores['nees']:.2f}")
-    for name in COUNTS:
-        table.add_column(name.replace("_", " "), justify="right")
-        values.append(str(scores[name]))
-    table.add_row(*values)
-    console.print(table)
+    print(score_table({name: evaluation.scores}).as_text())
+    print()
+    print(count_table(evaluation.scores).as_text())
+
+
+def settings(config: Any) -> Dict[str, Any]:
+    """A config dataclass as the mapping that YAML would hold, parts with their `type`."""
+    mapping: Dict[str, Any] = {}
+    for field in dataclasses.fields(config):
+        value = getattr(config, field.name)
+        registry = field.metadata.get("registry")
+        if registry is not None:
+            mapping[field.name] = {"type": registry.name_of(value), **settings(value)}
+        else:
+            mapping[field.name] = settings(value) if dataclasses.is_dataclass(value) else value
+    return mapping
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

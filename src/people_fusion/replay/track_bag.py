@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Dict, List, Optional, Tuple, Type, Union
@@ -21,6 +22,7 @@ from people_fusion.replay.typestore import typestore
 TRACKS_TOPIC = "/people_fusion/tracks"
 DETECTIONS_TOPIC = "/people_fusion/detections"
 UNOBSERVED_VARIANCE = 1e6
+DETECTIONS_PER_MESSAGE = 1 << 16
 PREDICTION_LIMIT_NS = NANOSECONDS  # older tracks say nothing about an instant
 
 _TRACKS = "people_fusion/msg/TrackedPersons"
@@ -40,7 +42,6 @@ class TrackWriter:
         self.path = Path(path)
         self._unfinished = self.path.with_name(self.path.name + ".unfinished")
         self._store = typestore()
-        self._detections = 0
         self._counts: Dict[str, int] = {}
         try:
             if self._unfinished.exists():
@@ -73,37 +74,38 @@ class TrackWriter:
     def write_tracks(self, tracks: Tracks, arrival_ns: int) -> None:
         """The confirmed tracks."""
         shown = tracks.select(tracks.confirmed)
-        people = [self._tracked(shown, row) for row in range(len(shown))]
-        self._write(TRACKS_TOPIC, _TRACKS, arrival_ns, tracks.stamp_ns, tracks.frame_id, people)
+        yaws, yaw_variances = headings(shown.means, shown.covariances)
+        people = [self._tracked(shown, row, yaws[row], yaw_variances[row]) for row in range(len(shown))]
+        self._write(TRACKS_TOPIC, _TRACKS, arrival_ns, tracks.stamp_ns, tracks.frame_id, tracks=people)
 
     def write_measurement(self, measurement: Measurement, arrival_ns: int) -> None:
         """A cue's detections, in its sensor's frame."""
         sight = measurement.sight
-        legs = [self._make("geometry_msgs/msg/Point32", *map(float, leg), 0.0) for leg in measurement.legs]
         self._write(
             DETECTIONS_TOPIC,
             _DETECTIONS,
             arrival_ns,
             measurement.stamp_ns,
             measurement.frame_id,
-            measurement.cue,
-            measurement.modality,
-            measurement.sequence,
-            float(measurement.period_s),
-            [self._detected(measurement, row) for row in range(len(measurement))],
-            0.0 if sight is None else float(sight.angle_min),
-            0.0 if sight is None else float(sight.angle_increment),
-            0.0 if sight is None else float(sight.range_max),
-            np.zeros(0, np.float32) if sight is None else sight.ranges.astype(np.float32),
-            legs,
-            measurement.leg_owners.astype(np.uint32),
+            cue=measurement.cue,
+            modality=measurement.modality,
+            sequence=measurement.sequence,
+            period=float(measurement.period_s),
+            detections=[self._detected(measurement, row) for row in range(len(measurement))],
+            sight_angle_min=0.0 if sight is None else float(sight.angle_min),
+            sight_angle_increment=0.0 if sight is None else float(sight.angle_increment),
+            sight_range_max=0.0 if sight is None else float(sight.range_max),
+            sight_ranges=np.zeros(0, np.float32) if sight is None else sight.ranges.astype(np.float32),
+            legs=[self._make("geometry_msgs/msg/Point32", *leg, 0.0) for leg in measurement.legs.tolist()],
+            leg_owners=measurement.leg_owners.astype(np.uint32),
         )
 
-    def _write(self, topic: str, kind: str, arrival_ns: int, stamp_ns: int, frame_id: str, *fields: Any) -> None:
+    def _write(self, topic: str, kind: str, arrival_ns: int, stamp_ns: int, frame_id: str, **fields: Any) -> None:
         sequence = self._counts.get(topic, 0)
         self._counts[topic] = sequence + 1
         time = self._make("builtin_interfaces/msg/Time", *split(stamp_ns))
-        message = self._make(kind, self._make("std_msgs/msg/Header", sequence, time, frame_id), *fields)
+        header = self._make("std_msgs/msg/Header", sequence, time, frame_id)
+        message = self._store.types[kind](header=header, **fields)
         try:
             self._writer.write(self._connections[topic], arrival_ns, self._store.serialize_ros1(message, kind))
         except OSError as error:
@@ -113,28 +115,27 @@ class TrackWriter:
         return self._store.types[kind](*fields)
 
     def _detected(self, measurement: Measurement, row: int) -> Any:
-        covariance = np.diag([UNOBSERVED_VARIANCE] * 6)
-        observed = np.flatnonzero(measurement.observed)
-        covariance[np.ix_(observed, observed)] = measurement.covariances[row][np.ix_(observed, observed)]
-        self._detections += 1
+        covariance = np.zeros((6, 6))
+        covariance[:3, :3] = measurement.covariances[row]
+        unobserved = [*np.flatnonzero(~np.array(measurement.observed)), 3, 4, 5]
+        covariance[unobserved, unobserved] = UNOBSERVED_VARIANCE
         return self._make(
             "people_fusion/msg/DetectedPerson",
-            self._detections - 1,
+            measurement.sequence * DETECTIONS_PER_MESSAGE + row,
             float(measurement.confidences[row]),
             self._pose(measurement.positions[row], 0.0, covariance),
             measurement.modality,
         )
 
-    def _tracked(self, tracks: Tracks, row: int) -> Any:
-        yaw, yaw_variance = heading(tracks.means[row], tracks.covariances[row])
-        pose_covariance, twist_covariance = np.diag([UNOBSERVED_VARIANCE] * 6), np.diag([UNOBSERVED_VARIANCE] * 6)
+    def _tracked(self, tracks: Tracks, row: int, yaw: float, yaw_variance: float) -> Any:
+        pose_covariance, twist_covariance = np.zeros((6, 6)), np.zeros((6, 6))
         pose_covariance[:3, :3] = tracks.covariances[row, :3, :3]
-        pose_covariance[5, 5] = yaw_variance
-        velocity_size = tracks.means.shape[1] - 3
-        twist_covariance[:velocity_size, :velocity_size] = tracks.covariances[row, 3:, 3:]
-        velocity = np.zeros(3)
-        velocity[:velocity_size] = tracks.means[row, 3:]
-        linear = self._make("geometry_msgs/msg/Vector3", *map(float, velocity))
+        pose_covariance[[3, 4, 5], [3, 4, 5]] = UNOBSERVED_VARIANCE, UNOBSERVED_VARIANCE, yaw_variance
+        twist_covariance[[2, 3, 4, 5], [2, 3, 4, 5]] = UNOBSERVED_VARIANCE
+        size = tracks.means.shape[1] - 3
+        twist_covariance[:size, :size] = tracks.covariances[row, 3:, 3:]
+        velocity = [*tracks.means[row, 3:].tolist(), 0.0][:3]
+        linear = self._make("geometry_msgs/msg/Vector3", *velocity)
         angular = self._make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0)
         twist = self._make("geometry_msgs/msg/Twist", linear, angular)
         return self._make(
@@ -150,23 +151,25 @@ class TrackWriter:
         )
 
     def _pose(self, position: np.ndarray, yaw: float, covariance: np.ndarray) -> Any:
-        point = self._make("geometry_msgs/msg/Point", *map(float, position))
-        turn = self._make("geometry_msgs/msg/Quaternion", 0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2)))
+        point = self._make("geometry_msgs/msg/Point", *position.tolist())
+        turn = self._make("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
         pose = self._make("geometry_msgs/msg/Pose", point, turn)
         return self._make("geometry_msgs/msg/PoseWithCovariance", pose, covariance.ravel())
 
 
-def heading(mean: np.ndarray, covariance: np.ndarray) -> Tuple[float, float]:
-    """Direction of motion and its variance, radians, of one track's (D,) mean and (D, D) covariance.
+def headings(means: np.ndarray, covariances: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """Directions of motion (T,) and their variances (T,), radians, of tracks (T, D) with covariances (T, D, D).
 
-    The variance is that of the velocity across the direction over the squared speed, at most that of no knowledge.
+    Linearised: the variance of the velocity across its direction over the squared speed. Who hardly moves has none: 0
+    with the variance of what is not observed.
     """
-    vx, vy = float(mean[3]), float(mean[4])
-    speed_squared = vx * vx + vy * vy
-    if speed_squared == 0.0:
-        return 0.0, UNOBSERVED_VARIANCE
-    across = np.array([-vy, vx]) / speed_squared
-    return float(np.arctan2(vy, vx)), min(float(across @ covariance[3:5, 3:5] @ across), UNOBSERVED_VARIANCE)
+    velocities = means[:, 3:5]
+    speeds_squared = (velocities**2).sum(axis=1)
+    across = np.column_stack([-velocities[:, 1], velocities[:, 0]])
+    spreads = np.einsum("ti,tij,tj->t", across, covariances[:, 3:5, 3:5], across)
+    unknown = spreads >= math.pi**2 / 3.0 * speeds_squared**2  # no better than a uniform direction
+    variances = np.where(unknown, UNOBSERVED_VARIANCE, spreads / np.where(unknown, 1.0, speeds_squared**2))
+    return np.where(unknown, 0.0, np.arctan2(velocities[:, 1], velocities[:, 0])), variances
 
 
 def read_tracks(recording: Recording, topic: Topic) -> List[Tracks]:
