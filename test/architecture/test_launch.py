@@ -1,0 +1,96 @@
+"""Every launch file, preset, scenario and rviz file that is shipped loads."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+from typing import Dict, List
+
+import pytest
+import yaml
+
+from people_fusion.simulation.scenario import load_scenario
+from people_fusion.tracking.fusion import load_config
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+CONFIG = CHECKOUT / "config"
+PRESETS = sorted(CONFIG.glob("*.yaml"))
+SCENARIOS = sorted((CONFIG / "scenarios").glob("*.yaml"))
+BAG = "bag:=/recording.bag"
+LAUNCHES: Dict[str, List[str]] = {
+    "people_fusion.launch": ["/leg_cue_front", "/people_tracker"],
+    "people_fusion.launch scan_rear:=/scan_rear": ["/leg_cue_front", "/leg_cue_rear", "/people_tracker"],
+    "people_fusion.launch scan_front:= scan_rear:=/r": ["/leg_cue_rear", "/people_tracker"],
+    "people_fusion.launch composed:=true rviz:=true": ["/people_fusion", "/rviz"],
+    "scitos.launch": ["/people_fusion"],
+    "scitos.launch compatible:=strands composed:=false": ["/leg_cue_front", "/people_tracker"],
+    f"replay.launch {BAG}": ["/leg_cue_front", "/leg_cue_rear", "/people_tracker", "/player", "/rviz"],
+    f"replay.launch {BAG} rviz:=false loop:=true composed:=true": ["/people_fusion", "/player"],
+}
+
+
+def roslaunch(*arguments: str) -> str:
+    done = subprocess.run(
+        ["roslaunch", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert not done.stderr, done.stderr
+    return done.stdout
+
+
+def parameters(launch: str) -> Dict[str, object]:
+    return yaml.safe_load(roslaunch("--dump-params", "people_fusion", *launch.split())) or {}
+
+
+def test_every_launch_file_is_tested() -> None:
+    assert {path.name for path in (CHECKOUT / "launch").iterdir()} == {launch.split()[0] for launch in LAUNCHES}
+
+
+@pytest.mark.parametrize("launch", LAUNCHES)
+def test_launch_file_starts_its_nodes(launch: str) -> None:
+    assert sorted(roslaunch("--nodes", "people_fusion", *launch.split()).split()) == LAUNCHES[launch]
+
+
+def test_arguments_reach_every_node() -> None:
+    found = parameters("people_fusion.launch world_frame:=world odom_frame:= base_frame:=base scan_rear:=/r")
+    for node in ("leg_cue_front", "leg_cue_rear", "people_tracker"):
+        assert found[f"/{node}/frames/world"] == "world"
+        assert found[f"/{node}/frames/odom"] == ""
+        assert found[f"/{node}/frames/base"] == "base"
+
+
+def test_composed_node_gets_both_scanners() -> None:
+    assert parameters("people_fusion.launch composed:=true scan_rear:=/r")["/people_fusion/scans"] == ["/scan", "/r"]
+    assert parameters("people_fusion.launch composed:=true")["/people_fusion/scans"] == ["/scan"]
+
+
+def test_looping_replay_keeps_simulated_time() -> None:
+    launch = f"replay.launch {BAG} rviz:=false loop:=true"
+    assert parameters(launch)["/use_sim_time"] is True
+    player = roslaunch("--args", "/player", "people_fusion", *launch.split())
+    assert "--clock" in player and "--loop" in player
+
+
+@pytest.mark.parametrize("path", PRESETS, ids=[path.stem for path in PRESETS])
+def test_preset_loads(path: Path) -> None:
+    load_config(path)
+
+
+@pytest.mark.parametrize("path", SCENARIOS, ids=[path.stem for path in SCENARIOS])
+def test_scenario_loads(path: Path) -> None:
+    load_scenario(path)
+
+
+def displays(entry: object) -> List[dict]:
+    """All displays of an rviz file, those in groups too."""
+    if isinstance(entry, dict):
+        return ([entry] if "Topic" in entry or "Marker Topic" in entry else []) + displays(list(entry.values()))
+    if isinstance(entry, list):
+        return [display for item in entry for display in displays(item)]
+    return []
+
+
+def test_rviz_file_shows_what_the_nodes_publish() -> None:
+    shown = displays(yaml.safe_load((CONFIG / "people_fusion.rviz").read_text(encoding="utf-8")))
+    topics = {display.get("Topic") or display.get("Marker Topic") for display in shown}
+    assert {"/map", "/people_fusion/markers", "/people_fusion/detection_markers", "/scan_front", "/scan_rear"} <= topics
