@@ -14,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, MaxNLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 from matplotlib.transforms import Affine2D
 
 from people_fusion.core.grids import OccupancyGrid
@@ -34,6 +34,7 @@ _TRACKS = (
     *("#1f77b4", "#2ca02c", "#8c564b", "#17becf", "#e377c2", "#556b2f", "#003f8a", "#b8860b"),
     *("#008080", "#5f9ea0", "#a0522d", "#6b8e23", "#4169e1", "#c71585", "#2f4f4f", "#9acd32"),
 )  # fmt: skip
+_LEAST_NEES = 0.01  # what is less is drawn there
 # Unknown, free, occupied.
 _MAP_COLOURS = ListedColormap(["#eef0f2", "#ffffff", "#4d4d4d"])
 
@@ -49,7 +50,9 @@ def plot_tracks(
     truth: Truth, estimates: Estimates, evaluation: Evaluation, grid: Optional[OccupancyGrid] = None
 ) -> Figure:
     """Where people walked, where the tracker saw them, and where it erred, over the map if there is one."""
-    figure, axes = _figure(9.0, 7.0)
+    seen = np.concatenate([truth.points, estimates.points, np.zeros((0 if len(truth.ids) else 1, 2))])
+    low, high = seen.min(axis=0) - 1.0, seen.max(axis=0) + 1.0
+    figure, axes = _figure(10.0, 1.0 + 9.0 * float(np.clip((high - low)[1] / (high - low)[0], 0.3, 0.75)))
     if grid is not None:
         _draw_map(axes, grid)
     for person in np.unique(truth.ids):
@@ -69,11 +72,8 @@ def plot_tracks(
             else truth.points[events.truth_rows[chosen]]
         )
         axes.plot(*points.T, linestyle="none", **style)
-    seen = np.concatenate([truth.points, estimates.points])
-    if len(seen):
-        low, high = seen.min(axis=0) - 1.0, seen.max(axis=0) + 1.0
-        axes.set_xlim(low[0], high[0])
-        axes.set_ylim(low[1], high[1])
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal")
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
@@ -131,7 +131,7 @@ def plot_errors(truth: Truth, estimates: Estimates, evaluation: Evaluation) -> F
     axes.axhline(limit, color="black", linewidth=0.8, linestyle="--")
     for kind, height in ((Event.MISS, 1.05), (Event.MISMATCH, 1.13)):
         at = seconds[np.unique(events.frames[events.kinds == kind])]
-        axes.plot(at, np.full(len(at), height * limit), linestyle="none", clip_on=False, **_EVENT_STYLES[kind])
+        axes.plot(at, np.full(len(at), height * limit), linestyle="none", **_EVENT_STYLES[kind])
     axes.set_ylim(0.0, 1.2 * limit)
     axes.set_ylabel("error [cm]")
     _time_axis(axes, seconds)
@@ -197,7 +197,7 @@ def plot_nees(truth: Truth, evaluation: Evaluation) -> Figure:
     seconds, events = _seconds(truth), evaluation.events
     known = np.isfinite(evaluation.nees)
     nees, frames = evaluation.nees[known], events.frames[known]
-    axes.scatter(seconds[frames], np.maximum(nees, 1e-3), s=8, color=_TRUTH, linewidths=0, alpha=0.7)
+    axes.scatter(seconds[frames], np.maximum(nees, _LEAST_NEES), s=8, color=_TRUTH, linewidths=0, alpha=0.7)
     axes.plot(seconds, _frame_averages(nees, frames, truth.frame_count), color="#1f77b4", linewidth=1.2)
     average = evaluation.scores.position_consistency.average
     handles = [
@@ -205,11 +205,10 @@ def plot_nees(truth: Truth, evaluation: Evaluation) -> Figure:
         Line2D([], [], color="#1f77b4", linewidth=1.2, label="mean of the frame"),
     ]
     if average is not None:
-        axes.axhline(average, color=_MISS, linewidth=1.0)
-        handles.append(Line2D([], [], color=_MISS, linewidth=1.0, label=f"mean of all: {average:.2f}"))
+        axes.axhline(average, color="black", linewidth=1.0)
+        handles.append(Line2D([], [], color="black", linewidth=1.0, label=f"mean of all: {average:.2f}"))
     handles.extend(_draw_band(axes, 2, 1))
-    axes.set_yscale("log")
-    axes.set_ylim(1e-3, max(20.0, 2.0 * float(nees.max(initial=0.0))))
+    axes.set_ylim(_LEAST_NEES, max(20.0, 2.0 * float(nees.max(initial=0.0))))
     axes.set_ylabel("NEES")
     _time_axis(axes, seconds)
     _legend(axes, handles)
@@ -230,7 +229,6 @@ def plot_average_nees(seconds: np.ndarray, averages: Mapping[str, np.ndarray], d
     for colour, (name, average) in zip(_TRACKS * (1 + len(averages) // len(_TRACKS)), averages.items()):
         handles.extend(axes.plot(seconds, average, color=colour, linewidth=1.4, label=name))
     handles.extend(_draw_band(axes, dimension, runs))
-    axes.set_yscale("log")
     axes.set_ylabel(f"NEES, mean of {runs} runs")
     _time_axis(axes, np.asarray(seconds))
     _legend(axes, handles)
@@ -238,8 +236,9 @@ def plot_average_nees(seconds: np.ndarray, averages: Mapping[str, np.ndarray], d
 
 
 _EVENT_STYLES: Dict[Event, Dict[str, Any]] = {
-    Event.MISS: {"marker": "x", "color": _MISS, "markersize": 5, "markeredgewidth": 1.3, "zorder": 4},
+    Event.MISS: {"marker": "x", "color": _MISS, "markersize": 4, "markeredgewidth": 1.1, "zorder": 4},
     Event.MISMATCH: {
+        "clip_on": False,
         "marker": "D",
         "color": _MISMATCH,
         "markersize": 6,
@@ -297,6 +296,11 @@ def _draw_map(axes: Any, grid: OccupancyGrid) -> None:
 
 
 def _draw_band(axes: Any, dimension: int, count: int) -> list:
+    """NEES's band on a logarithmic axis, and its legend."""
+    axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if count > 1 else (1.0,)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_locator(NullLocator())
     low, high = chi_square_band(dimension, count)
     axes.axhspan(low, high, color=_BAND, zorder=0, linewidth=0)
     axes.axhline(dimension, color="#3a7d3a", linewidth=1.0, linestyle="--", zorder=1)

@@ -35,8 +35,9 @@ figure { margin: 0; } figcaption { color: #55595f; } img { max-width: 100%; disp
 table { border-collapse: collapse; margin: 10px 0; font-size: 14px; }
 th, td { padding: 4px 14px 4px 0; text-align: right; border-bottom: 1px solid #e5e7ea; white-space: pre; }
 th:first-child, td:first-child { text-align: left; }
+table.words th { text-align: left; }
 table.words td { text-align: left; white-space: pre-wrap; overflow-wrap: anywhere; font-family: monospace; }
-.columns { display: flex; flex-wrap: wrap; gap: 0 60px; }
+.columns { display: flex; flex-wrap: wrap; } .columns section { margin-right: 60px; }
 """
 
 
@@ -92,8 +93,8 @@ def run_report(
         ),
         (
             "Consistency",
-            "Squared error in units of the published covariance (NEES). Above the band the tracker is overconfident, "
-            "below it too cautious.",
+            "Squared error in units of the published covariance (NEES). If that is honest, 95 of 100 matched persons "
+            "lie in the band and their mean is 2; above it the tracker is overconfident, below it too cautious.",
             plot_nees(truth, evaluation),
         ),
     ]
