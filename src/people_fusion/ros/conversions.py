@@ -7,7 +7,7 @@ raises DataError; frames lose the leading slash that tf2 refuses.
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, List, Optional, Tuple
 
 import numpy as np
 from geometry_msgs.msg import Point, Point32, PoseArray, PoseWithCovarianceStamped
@@ -224,7 +224,8 @@ def measurement_to_msg(measurement: Measurement) -> Any:
     covariances[:, :3, :3] = measurement.covariances
     covariances[:, unobserved, unobserved] = UNOBSERVED_VARIANCE
     first = measurement.sequence * DETECTIONS_PER_MESSAGE
-    for i, (position, covariance) in enumerate(zip(measurement.positions.tolist(), covariances.reshape(-1, 36).tolist())):
+    rows = zip(measurement.positions.tolist(), covariances.reshape(-1, 36).tolist())
+    for i, (position, covariance) in enumerate(rows):
         person = DetectedPerson(
             detection_id=first + i, confidence=float(measurement.confidences[i]), modality=measurement.modality
         )

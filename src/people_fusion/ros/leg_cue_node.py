@@ -1,0 +1,140 @@
+"""Legs in laser scans: a cue for each scanner, in a node of its own or within the composed one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Callable, Dict, NamedTuple, Tuple
+
+import rospy
+from nav_msgs.msg import OccupancyGrid
+from rospy.numpy_msg import numpy_msg
+from sensor_msgs.msg import LaserScan
+from visualization_msgs.msg import MarkerArray
+
+from people_fusion.core.config import parameter
+from people_fusion.core.errors import ConfigError, DataError, TransformUnavailable
+from people_fusion.core.measurements import Measurement
+from people_fusion.core.scans import Scan
+from people_fusion.core.waiting import WaitingRoom
+from people_fusion.cues.cue import CUES, Cue, TransformRequest
+from people_fusion.msg import DetectedPersons
+from people_fusion.ros import topics
+from people_fusion.ros.conversions import grid_from_msg, measurement_to_msg, scan_from_msg
+from people_fusion.ros.markers import detection_markers
+from people_fusion.ros.node import Node, Part, run
+from people_fusion.ros.transforms import request_is_met
+from people_fusion.tracking.fusion import FusionConfig
+
+SCAN_QUEUE = 10  # a second of most scanners: the node may stall for that long, and must not lag by more
+SCAN_BUFFER = 1 << 20  # bytes; rospy lags where a message does not fit
+DETECTION_QUEUE = 20
+MARKER_QUEUE = 2
+
+
+@dataclass(frozen=True)
+class LegCueSettings:
+    """The leg cue node's own parameters."""
+
+    scans: Tuple[str, ...] = parameter((topics.SCAN,), "topics of the scanners")
+    name: str = parameter("", "name of the cue where there is one scanner; empty: its topic's")
+
+    def __post_init__(self) -> None:
+        if not self.scans or len(set(self.scans)) < len(self.scans):
+            raise ConfigError(f"scans: expected topics that differ, got {list(self.scans)}")
+        if self.name and len(self.scans) > 1:
+            raise ConfigError(f"name: {self.name!r} cannot name the cues of {len(self.scans)} scanners")
+
+
+class _Waiting(NamedTuple):
+    cue: Cue
+    scan: Scan
+    requests: Tuple[TransformRequest, ...]
+
+
+class LegCues(Part):
+    """The leg cues of one process.
+
+    Args:
+        deliver: takes each measurement, in the sensor's frame, as soon as it is made.
+    """
+
+    def __init__(
+        self, node: Node, settings: LegCueSettings, config: FusionConfig, deliver: Callable[[Measurement], None]
+    ) -> None:
+        self._node, self._deliver = node, deliver
+        self._waiting: WaitingRoom[_Waiting] = WaitingRoom(self._is_ready, config.transforms.patience_s)
+        self._cues: Dict[str, Cue] = {}
+        self._detections = rospy.Publisher(
+            topics.DETECTIONS, DetectedPersons, queue_size=DETECTION_QUEUE, tcp_nodelay=True
+        )
+        self._markers = rospy.Publisher(topics.DETECTION_MARKERS, MarkerArray, queue_size=MARKER_QUEUE)
+        for topic in settings.scans:
+            name = settings.name or rospy.resolve_name(topic).strip("/")
+            cue = self._cues[topic] = CUES.build(config.leg_cue, name=name, frames=config.frames)
+            node.subscribe(topic, numpy_msg(LaserScan), self._callback(topic, cue), SCAN_QUEUE, SCAN_BUFFER)
+        node.subscribe(topics.MAP, numpy_msg(OccupancyGrid), self._on_map, 1)
+        node.diagnostics.add_losses(self._waiting.counters)
+        node.diagnostics.add_facts(lambda: {"scans waiting": len(self._waiting)})
+        node.parts.append(self)
+
+    def serve(self) -> None:
+        """Measure the scans whose transforms are there."""
+        if not self._waiting:
+            return
+        for cue, scan, _ in self._waiting.poll(self._node.now_ns()):
+            try:
+                measurement = cue.measure(scan, self._node.source)
+            except DataError as error:
+                self._node.diagnostics.bad(error.reason, f"{cue.name}: {error}")
+            except TransformUnavailable as error:
+                self._node.diagnostics.bad("transform went missing", str(error))
+            else:
+                self._publish(measurement)
+                self._deliver(measurement)
+
+    def reset(self) -> None:
+        """Time has jumped."""
+        self._waiting.reset()
+        for cue in self._cues.values():
+            cue.reset()
+
+    def _callback(self, topic: str, cue: Cue) -> Callable[[Any], None]:
+        def on_scan(message: Any) -> None:
+            self._node.diagnostics.heard(topic)
+            scan = scan_from_msg(message)
+            if not self._node.timeline.admit(cue.name, scan.stamp_ns):
+                raise DataError("scan left over from before a time jump")
+            waiting = _Waiting(cue, scan, cue.transforms_needed(scan))
+            self._waiting.push(cue.name, scan.stamp_ns, waiting, self._node.now_ns())
+            self.serve()
+
+        return on_scan
+
+    def _on_map(self, message: Any) -> None:
+        grid = grid_from_msg(message)
+        for cue in self._cues.values():
+            cue.set_map(grid)
+
+    def _is_ready(self, waiting: _Waiting) -> bool:
+        return all(request_is_met(self._node.source, request) for request in waiting.requests)
+
+    def _publish(self, measurement: Measurement) -> None:
+        if self._detections.get_num_connections():
+            self._detections.publish(measurement_to_msg(measurement))
+        if self._markers.get_num_connections():
+            self._markers.publish(detection_markers(measurement))
+
+
+def _build(settings: LegCueSettings, config: FusionConfig) -> Node:
+    node = Node(config, settings.scans)
+    LegCues(node, settings, config, deliver=_published_is_enough)
+    return node
+
+
+def _published_is_enough(_measurement: Measurement) -> None:
+    pass
+
+
+def main() -> int:
+    """Entry of scripts/leg_cue; returns the exit status."""
+    return run("leg_cue", LegCueSettings, _build)

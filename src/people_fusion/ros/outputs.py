@@ -1,0 +1,85 @@
+"""Everything that the tracker publishes; made only for topics that somebody listens to."""
+
+from __future__ import annotations
+
+from typing import Any, Callable, List, Optional, Tuple
+
+import numpy as np
+import rospy
+from geometry_msgs.msg import PoseArray, PoseStamped
+from visualization_msgs.msg import MarkerArray
+
+from people_fusion.core.errors import TransformUnavailable
+from people_fusion.core.tracks import Tracks
+from people_fusion.core.transforms import FramesConfig, TransformSource
+from people_fusion.msg import TrackedPersons
+from people_fusion.ros import topics
+from people_fusion.ros.adapters import people_adapter, spencer_adapter
+from people_fusion.ros.conversions import header_to_msg, poses_to_msg, tracks_to_msg
+from people_fusion.ros.markers import TrackMarkers
+
+COMPATIBLE = ("", "strands")
+QUEUE = 10
+
+
+class TrackOutputs:
+    """The tracker's publishers.
+
+    Args:
+        source: for the robot's place among the tracks.
+        compatible: one of COMPATIBLE.
+    """
+
+    def __init__(self, source: TransformSource, frames: FramesConfig, compatible: str) -> None:
+        self._source, self._base = source, frames.base
+        self._markers = TrackMarkers()
+        self._publishers: List[Tuple[Any, Callable[[Tracks], Any]]] = []
+        self._marker_publishers = [rospy.Publisher(topics.MARKERS, MarkerArray, queue_size=QUEUE)]
+        self._add(topics.TRACKS, TrackedPersons, tracks_to_msg)
+        self._add(topics.POSES, PoseArray, poses_to_msg)
+        people, spencer = people_adapter(), spencer_adapter()
+        if people is not None:
+            self._add(topics.PEOPLE, people.message_type, people.convert)
+        if spencer is not None:
+            self._add(topics.SPENCER_TRACKS, spencer.message_type, spencer.convert)
+        if compatible == "strands":
+            if people is not None:
+                self._add(topics.STRANDS_PEOPLE, people.message_type, people.convert)
+            self._add(topics.STRANDS_POSES, PoseArray, poses_to_msg)
+            self._add(topics.STRANDS_NEAREST, PoseStamped, self._nearest)
+            self._marker_publishers.append(rospy.Publisher(topics.STRANDS_MARKERS, MarkerArray, queue_size=QUEUE))
+
+    def publish(self, tracks: Tracks) -> None:
+        """Publish tracks; those that are not confirmed are seen in rviz alone."""
+        confirmed = tracks.select(tracks.confirmed)
+        for publisher, convert in self._publishers:
+            if publisher.get_num_connections():
+                message = convert(confirmed)
+                if message is not None:
+                    publisher.publish(message)
+        watched = [publisher for publisher in self._marker_publishers if publisher.get_num_connections()]
+        if watched:
+            markers = self._markers.update(tracks)
+            for publisher in watched:
+                publisher.publish(markers)
+
+    def reset(self) -> None:
+        """Time has jumped: all markers go."""
+        for publisher in self._marker_publishers:
+            publisher.publish(self._markers.clear())
+
+    def _add(self, topic: str, message_type: Any, convert: Callable[[Tracks], Any]) -> None:
+        publisher = rospy.Publisher(topic, message_type, queue_size=QUEUE, tcp_nodelay=True)
+        self._publishers.append((publisher, convert))
+
+    def _nearest(self, tracks: Tracks) -> Optional[Any]:
+        """geometry_msgs/PoseStamped of the person nearest to the robot, None where there is none."""
+        if len(tracks) == 0:
+            return None
+        try:
+            robot = self._source.lookup(tracks.frame_id, self._base, tracks.stamp_ns).translation
+        except TransformUnavailable:
+            return None
+        nearest = np.argmin(np.hypot(*(tracks.means[:, :2] - robot[:2]).T))
+        header = header_to_msg(tracks.stamp_ns, tracks.frame_id)
+        return PoseStamped(header=header, pose=poses_to_msg(tracks).poses[nearest])
