@@ -18,7 +18,7 @@ def check(scan: Scan) -> np.ndarray:
 
     Raises:
         DataError: no beams, ranges that are no list of numbers, angles or limits that are not finite (range_max may
-            be +inf), all beams in one direction, or no distance between range_min and range_max.
+            be +inf), beams in one direction or more than half a turn apart, or no distance between the limits.
     """
     try:
         ranges = np.asarray(scan.ranges, dtype=float)
@@ -31,6 +31,8 @@ def check(scan: Scan) -> np.ndarray:
     sweep = scan.angle_increment * (len(ranges) - 1)
     if not (math.isfinite(scan.angle_min) and math.isfinite(scan.angle_increment) and math.isfinite(sweep)):
         raise DataError("scan with angles that are not finite", f"{scan.angle_min}, {scan.angle_increment}")
+    if abs(scan.angle_increment) > math.pi:
+        raise DataError("scan with beams more than half a turn apart", f"{scan.angle_increment}")
     if scan.angle_increment == 0.0 and len(ranges) > 1:
         raise DataError("scan with all beams in one direction")
     if not (math.isfinite(scan.range_min) and scan.range_min < scan.range_max):  # also refuses NaN

@@ -15,6 +15,7 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import pdist
 
 MAX_PAIRS = 2_000_000  # of neighbours that single linkage lists at once: 32 MB
 FEW_EDGES = 500  # up to which a loop in Python is quicker than SciPy's sparse graphs
@@ -80,7 +81,7 @@ def complete_linkage(points: np.ndarray, threshold: float) -> np.ndarray:
     clusters = np.split(members, starts[1:])
     for cluster in wide:
         for part in _halved(points, clusters[cluster]):
-            cut = fcluster(linkage(points[part], "complete"), threshold, criterion="distance")
+            cut = fcluster(linkage(pdist(points[part]), "complete"), threshold, criterion="distance")
             labels[part] = labels.max() + cut
     return relabel(labels)
 

@@ -22,6 +22,7 @@ from people_fusion.cues.legs import beams, clusters
 PERIODS_REMEMBERED = 11
 UNKNOWN_PERIOD_S = 0.1
 LEG_WIDTH = 0.1  # metres, for the distance at which beams are too far apart to tell a leg
+TINY = 1e-6  # metres, against a division by zero
 ARC_DEPTH = math.pi / 4.0  # mean depth of a half circle seen from afar, in radii
 
 
@@ -173,7 +174,8 @@ class LegCue(Cue):
             return _Legs(points, legs, np.zeros((0, 2)), np.zeros(0, dtype=int))
         centres = clusters.means(points, legs)
         if config.leg_radius:
-            centres *= 1.0 + ARC_DEPTH * config.leg_radius / np.hypot(centres[:, 0], centres[:, 1])[:, None]
+            distances = np.maximum(np.hypot(centres[:, 0], centres[:, 1]), TINY)
+            centres *= 1.0 + ARC_DEPTH * config.leg_radius / distances[:, None]
         first = np.unique(legs, return_index=True)[1]
         return _Legs(points, legs, centres, groups[first])
 
@@ -245,11 +247,13 @@ class LegCue(Cue):
         across = factor * np.where(paired, config.pair_std, config.single_across_std)
         # Where a leg begins and ends between two beams is uniform over their distance.
         spacing_variances = (distances * angle_increment) ** 2 / 12.0
+        along_variances, across_variances = along**2, across**2 + spacing_variances
         beam = np.arctan2(middles[:, 1], middles[:, 0])
-        axes = np.stack([np.stack([np.cos(beam), -np.sin(beam)], -1), np.stack([np.sin(beam), np.cos(beam)], -1)], 1)
-        variances = np.stack([along**2, across**2 + spacing_variances], axis=1)
+        cos, sin = np.cos(beam), np.sin(beam)
         covariances = np.zeros((len(middles), 3, 3))
-        covariances[:, :2, :2] = (axes * variances[:, None, :]) @ np.swapaxes(axes, 1, 2)
+        covariances[:, 0, 0] = cos**2 * along_variances + sin**2 * across_variances
+        covariances[:, 1, 1] = sin**2 * along_variances + cos**2 * across_variances
+        covariances[:, 0, 1] = covariances[:, 1, 0] = cos * sin * (along_variances - across_variances)
         return np.column_stack([middles, np.zeros(len(middles))]), covariances, paired
 
     def _sight(self, scan: Scan, ranges: np.ndarray) -> Optional[Sight]:
