@@ -20,19 +20,17 @@ BAG = "bag:=/recording.bag"
 LAUNCHES: Dict[str, List[str]] = {
     "people_fusion.launch": ["/leg_cue_front", "/people_tracker"],
     "people_fusion.launch scan_rear:=/scan_rear": ["/leg_cue_front", "/leg_cue_rear", "/people_tracker"],
-    "people_fusion.launch scan_front:= scan_rear:=/r": ["/leg_cue_rear", "/people_tracker"],
+    "people_fusion.launch scan_front:=none scan_rear:=/r": ["/leg_cue_rear", "/people_tracker"],
     "people_fusion.launch composed:=true rviz:=true": ["/people_fusion", "/rviz"],
     "scitos.launch": ["/people_fusion"],
-    "scitos.launch compatible:=strands composed:=false": ["/leg_cue_front", "/people_tracker"],
+    "scitos.launch preset:=volkhardt compatible:=strands composed:=false": ["/leg_cue_front", "/people_tracker"],
     f"replay.launch {BAG}": ["/leg_cue_front", "/leg_cue_rear", "/people_tracker", "/player", "/rviz"],
     f"replay.launch {BAG} rviz:=false loop:=true composed:=true": ["/people_fusion", "/player"],
 }
 
 
 def roslaunch(*arguments: str) -> str:
-    done = subprocess.run(
-        ["roslaunch", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=60, check=False
-    )
+    done = subprocess.run(["roslaunch", *arguments], capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
     assert not done.stderr, done.stderr
     return done.stdout
@@ -52,11 +50,13 @@ def test_launch_file_starts_its_nodes(launch: str) -> None:
 
 
 def test_arguments_reach_every_node() -> None:
-    found = parameters("people_fusion.launch world_frame:=world odom_frame:= base_frame:=base scan_rear:=/r")
+    found = parameters("people_fusion.launch world_frame:=world odom_frame:=none base_frame:=base scan_rear:=/r")
     for node in ("leg_cue_front", "leg_cue_rear", "people_tracker"):
         assert found[f"/{node}/frames/world"] == "world"
         assert found[f"/{node}/frames/odom"] == ""
         assert found[f"/{node}/frames/base"] == "base"
+    assert found["/leg_cue_front/scans"] == ["/scan"]
+    assert found["/leg_cue_rear/scans"] == ["/r"]
 
 
 def test_composed_node_gets_both_scanners() -> None:
