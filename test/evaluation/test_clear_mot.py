@@ -105,13 +105,14 @@ def test_mismatch_is_counted_once():
     assert score([(frame, {11: (0, 0)}), (frame, {12: (0, 0)}), (frame, {12: (0, 0)})]).mismatches == 1
 
 
-def test_of_two_former_holders_the_later_keeps_the_track():
+@pytest.mark.parametrize("first, second", [(1, 2), (2, 1)])
+def test_of_two_former_holders_the_later_keeps_the_track(first, second):
     frames = [
-        ({1: (0, 0)}, {11: (0, 0)}),
-        ({2: (0, 0.1)}, {11: (0, 0)}),
-        ({1: (0, 0), 2: (0, 0.4)}, {11: (0, 0)}),
+        ({first: (0, 0)}, {11: (0, 0)}),
+        ({second: (0, 0.1)}, {11: (0, 0)}),
+        ({1: (0, 0.2), 2: (0, 0.2)}, {11: (0, 0)}),
     ]
-    assert assigned(frames)[-1] == {2: 11}
+    assert assigned(frames)[-1] == {second: 11}
 
 
 def test_only_annotated_counts_no_false_positives_and_has_no_precision():
