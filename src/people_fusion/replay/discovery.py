@@ -206,7 +206,7 @@ def _frames(chain: Sequence[str], frames: FramesConfig, world_frame: Optional[st
     below = list(chain[: chain.index(world) + 1])  # scanner ... world
     odom = frames.odom if frames.odom in below else ""
     top = below.index(odom or world)
-    named = [name for name in (frames.base, *BASES) if name in below[:top]]
+    named = [name for name in (frames.base, *BASES) if name in below]
     base = named[0] if named else below[max(top - 1, 0)]
     return FramesConfig(world=world, odom=odom, base=base)
 

@@ -83,7 +83,7 @@ def read_ground_truth(
     numbers: Dict[Any, int] = {}
     scan_stamp_ns, scan_frame = 0, ""
     scan_names = {scan.name for scan in scans}
-    for recorded in recording.messages([topic, *scans], start_s, duration_s):
+    for recorded in recording.messages([*scans, topic], start_s, duration_s):
         message = recorded.read()
         if recorded.topic in scan_names:
             scan_stamp_ns, scan_frame = stamp(message.header), normalise_frame(message.header.frame_id)

@@ -67,8 +67,7 @@ class Recording:
             raise self._damaged(error) from error
         counts: Dict[Tuple[str, str], int] = {}
         for connection in self._reader.connections:
-            key = (connection.topic, _ros1_name(connection.msgtype))
-            counts[key] = counts.get(key, 0) + connection.msgcount
+            counts[_key(connection)] = counts.get(_key(connection), 0) + connection.msgcount
         self.topics = tuple(Topic(name, kind, count) for (name, kind), count in sorted(counts.items()))
         self.start_ns: int = self._reader.start_time
         self.end_ns: int = self._reader.end_time
@@ -109,11 +108,14 @@ class Recording:
     ) -> Iterator[RecordedMessage]:
         """Messages of some topics in order of arrival, from `start_s` after the recording's start for `duration_s`.
 
+        Of messages that arrived at once those of the topic that is named first come first.
+
         Raises:
             RecordingError: the bag is damaged.
         """
-        wanted = {(topic.name, topic.type) for topic in topics}
-        connections = [c for c in self._reader.connections if (c.topic, _ros1_name(c.msgtype)) in wanted]
+        places = {(topic.name, topic.type): place for place, topic in enumerate(topics)}
+        connections = [c for c in self._reader.connections if _key(c) in places]
+        connections.sort(key=lambda connection: places[_key(connection)])
         if not connections:
             return
         decoders = {connection.id: self._decoder(connection) for connection in connections}
@@ -130,17 +132,6 @@ class Recording:
                 raise self._damaged(error) from error
             decode = decoders[connection.id]
             yield RecordedMessage(connection.topic, names[connection.id], arrival_ns, _bound(decode, data))
-
-    def fields(self, topic: Topic) -> Dict[str, Any]:
-        """Types of this topic's messages with their fields, by type name, as rosbags describes them.
-
-        Raises:
-            RecordingError: the definition in the bag cannot be understood.
-        """
-        connection = next(
-            c for c in self._reader.connections if (c.topic, _ros1_name(c.msgtype)) == (topic.name, topic.type)
-        )
-        return self._definitions(connection)
 
     def _definitions(self, connection: Any) -> Dict[str, Any]:
         text = getattr(connection.msgdef, "data", connection.msgdef)  # rosbags before 0.10 gives the text itself
@@ -171,6 +162,10 @@ class Recording:
 
     def _damaged(self, error: Exception) -> RecordingError:
         return RecordingError(f"{self.path}: not a readable ROS 1 bag (truncated or damaged): {_one_line(error)}")
+
+
+def _key(connection: Any) -> Tuple[str, str]:
+    return connection.topic, _ros1_name(connection.msgtype)
 
 
 def _bound(decode: Callable[[bytes], Any], data: bytes) -> Callable[[], Any]:

@@ -94,13 +94,12 @@ class Session:
         sources = self._sources
         latched = [topic for topic in sources.transforms if _is_static(topic)]
         latched += [sources.map] if sources.map else []
-        others = [sources.localisation] if sources.localisation else []
+        flowing = [topic for topic in sources.transforms if not _is_static(topic)]
+        flowing += [sources.localisation] if sources.localisation else []
         if start_s > 0.0:
             for recorded in recording.messages(latched, 0.0, start_s):
                 self.feed(recorded)
-        for recorded in recording.messages(
-            [*latched, *others, *sources.scans, *sources.transforms], start_s, duration_s
-        ):
+        for recorded in recording.messages([*latched, *flowing, *sources.scans], start_s, duration_s):
             self.feed(recorded)
         self.finish()
 
