@@ -28,8 +28,9 @@ def ours(covariance, pose):
 
 
 def answer(case):
-    a, b = (gtsam.Pose3(gtsam.Rot3(np.array(p["rotation"])), np.array(p["translation"])) for p in (case["a"], case["b"]))
-    C_a, C_b = (theirs(np.array(case[p]["covariance"]), pose) for p, pose in (("a", a), ("b", b)))
+    given = (case["a"], case["b"])
+    a, b = (gtsam.Pose3(gtsam.Rot3(np.array(pose["rotation"])), np.array(pose["translation"])) for pose in given)
+    C_a, C_b = theirs(np.array(case["a"]["covariance"]), a), theirs(np.array(case["b"]["covariance"]), b)
     H_a, H_b, H_i = (np.zeros((6, 6), order="F") for _ in range(3))
     H_p, H_x = np.zeros((3, 6), order="F"), np.zeros((3, 3), order="F")
     composed, inverted = a.compose(b, H_a, H_b), a.inverse(H_i)

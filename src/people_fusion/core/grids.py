@@ -81,9 +81,9 @@ class OccupancyGrid:
             threshold: occupancy from which on a cell counts as occupied.
         """
         rotation = self.origin.rotation[:2, :2]
-        cells = (points[:, :2] - self.origin.translation[:2]) @ rotation / self.resolution
         height, width = self.occupancy.shape
         with np.errstate(invalid="ignore"):
+            cells = (points[:, :2] - self.origin.translation[:2]) @ rotation / self.resolution
             inside = ((cells >= 0.0) & (cells < (width, height))).all(axis=1)
         columns, rows = cells[inside].astype(int).T
         occupied = np.zeros(len(points), dtype=bool)

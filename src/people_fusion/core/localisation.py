@@ -86,6 +86,7 @@ class LocalisationHistory:
         self._fixes[place : place + repeated] = [fix]
         if place == len(self._stamps_ns) - 1:
             self._grown.clear()
+            self._grown.append(self._fixed())
         while len(self._stamps_ns) > 1 and self._stamps_ns[1] < self._stamps_ns[-1] - self._history_ns:
             del self._stamps_ns[0], self._fixes[0]
 
@@ -109,19 +110,22 @@ class LocalisationHistory:
         return (1.0 - fraction) * self._fixes[after - 1].covariance + fraction * self._fixes[after].covariance
 
     def _held_and_grown(self, stamp_ns: int) -> np.ndarray:
-        if not self._odom:
-            return self._fixes[-1].covariance
         grown = self._grown
-        if not grown:
-            grown.append(_Grown(self._stamps_ns[-1], self._odom_from_base(self._stamps_ns[-1]), self._fixes[-1]))
-        steps = (stamp_ns - grown[-1].stamp_ns) // STEP_NS
-        forgotten = steps - self._history_ns // STEP_NS  # odometry does not reach back so far: one long step
-        for step in range(max(forgotten, 1), steps + 1):
-            grown.append(self._move(grown[-1], grown[-1].stamp_ns + (step if step == forgotten else 1) * STEP_NS))
+        if len(grown) == 1 and grown[0].odom_from_base is None:  # odometry came after the fix
+            grown[0] = self._fixed()
+        newest = grown[-1].stamp_ns
+        last = newest + (stamp_ns - newest) // STEP_NS * STEP_NS
+        first = max(newest + STEP_NS, last - self._history_ns // STEP_NS * STEP_NS)  # odometry reaches back no further
+        for step_ns in range(first, last + 1, STEP_NS):
+            grown.append(self._move(grown[-1], step_ns))
         while len(grown) > 1 and grown[1].stamp_ns < grown[-1].stamp_ns - self._history_ns:
             grown.popleft()
         start = next((state for state in reversed(grown) if state.stamp_ns <= stamp_ns), grown[0])
         return self._move(start, max(stamp_ns, start.stamp_ns)).world_from_base.covariance
+
+    def _fixed(self) -> _Grown:
+        """The robot's belief at the last fix."""
+        return _Grown(self._stamps_ns[-1], self._odom_from_base(self._stamps_ns[-1]), self._fixes[-1])
 
     def _move(self, start: _Grown, stamp_ns: int) -> _Grown:
         """The robot's belief at a later stamp."""
@@ -133,6 +137,8 @@ class LocalisationHistory:
         return _Grown(stamp_ns, odom_from_base, moved)
 
     def _odom_from_base(self, stamp_ns: int) -> Optional[Pose]:
+        if not self._odom:
+            return None
         try:
             return self._source.lookup(self._odom, self._base, stamp_ns)
         except TransformUnavailable:

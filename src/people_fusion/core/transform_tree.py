@@ -72,10 +72,10 @@ class TransformTree(TransformSource):
         if link is None or link.parent != parent:
             if not parent or not child:
                 raise DataError("transform without frame", f"{parent!r} to {child!r}")
-            if link is not None and not link.is_static and stamp_ns < link.stamps_ns[-1]:
-                raise DataError("transform from a former parent", f"{parent} to {child}")
             if child in self._ancestry(parent):
                 raise DataError("transform closes a cycle", f"{parent} to {child}")
+            if link is not None and not link.is_static and stamp_ns < link.stamps_ns[-1]:
+                raise DataError("transform from a former parent", f"{parent} to {child}")
             link = self._links[child] = _Link(parent, child)
             self._chains.clear()
         if static or link.is_static:
