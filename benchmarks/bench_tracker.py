@@ -59,6 +59,16 @@ def stone_soup(method, measurements, std):
     return estimates, result["seconds"] / len(measurements)
 
 
+def in_view(estimates, measurements):
+    """Only people in view are in the truth, so that only tracks in view are compared with it, of whichever tracker."""
+    bounds = estimates.bounds(len(measurements))
+    inside = np.zeros(len(estimates.ids), dtype=bool)
+    for frame, measurement in enumerate(measurements):
+        rows = slice(bounds[frame], bounds[frame + 1])
+        inside[rows] = measurement.sight.visible(estimates.points[rows], half_width_m=0.05, depth_m=0.0) > 0.5
+    return estimates.select(inside)
+
+
 def quality(config, seeds, with_stone_soup):
     """Rows of the table: people, tracker, scores, milliseconds a measurement."""
     for people in PEOPLE:
@@ -71,7 +81,7 @@ def quality(config, seeds, with_stone_soup):
             for method in ("gnn", "jpda") if with_stone_soup else ():
                 runs[f"stone soup {method}"] = stone_soup(method, measurements, drawn.std)
             for name, (estimates, seconds) in runs.items():
-                totals[name] = totals.get(name, Scores()) + evaluate(truth, estimates).scores
+                totals[name] = totals.get(name, Scores()) + evaluate(truth, in_view(estimates, measurements)).scores
                 milliseconds.setdefault(name, []).append(1e3 * float(np.mean(seconds)))
         for name, scores in totals.items():
             yield people, name, scores.to_dict(), float(np.mean(milliseconds[name]))
@@ -114,13 +124,14 @@ def main():
     if not with_stone_soup and not options.no_stone_soup:
         print(f"{ORACLES} is not there: without Stone Soup", file=sys.stderr)
     rows, baseline = [], {}
-    print(f"{'people':>6}  {'tracker':16} {'MOTA':>6} {'IDF1':>6} {'HOTA':>6} {'NEES':>6} {'ms':>8}")
+    print(f"{'people':>6}  {'tracker':16} {'MOTA':>6} {'IDF1':>6} {'HOTA':>6} {'miss':>6} {'false':>6} {'switch':>6} {'NEES':>6} {'ms':>8}")
     for people, name, scores, milliseconds in quality(config, options.seeds, with_stone_soup):
         rows.append({"people": people, "tracker": name, "ms": milliseconds, **scores})
         baseline[people, name] = milliseconds
         nees = f"{scores['nees']:6.2f}" if scores["nees"] is not None else "     -"
         print(
-            f"{people:6}  {name:16} {scores['mota']:6.3f} {scores['idf1']:6.3f} {scores['hota']:6.3f} {nees}"
+            f"{people:6}  {name:16} {scores['mota']:6.3f} {scores['idf1']:6.3f} {scores['hota']:6.3f} {scores['miss_rate']:6.3f}"
+            f" {scores['false_positive_rate']:6.3f} {scores['mismatch_rate']:6.3f} {nees}"
             f" {milliseconds:8.3f}"
         )
     for people in PEOPLE if with_stone_soup else ():
