@@ -3,8 +3,8 @@
 
 The scans are made here: people on two legs in a furnished room, a scanner of 270 degrees with noise that drives through
 it and sweeps in 40 ms. `room` has no map, so that all walls go through clustering; `limits` is the same with the limits
-that replace a map (the plain steps have none); `map` subtracts the room. All include de-skewing. Times are the process's
-own, so that a busy machine disturbs them little.
+that replace a map (the plain steps have none); `map` subtracts the room. All include de-skewing. Times are those of the
+process, so that a busy machine disturbs them little.
 """
 
 import os
@@ -91,7 +91,8 @@ def plain(config, grid):
 
     def detect(scan, transforms):
         points = scan.ranges[:, None] * np.stack([np.cos(scan.angles), np.sin(scan.angles)], axis=1)
-        poses = [transforms.lookup("odom", scan.frame_id, scan.stamp_ns + late) for late in (0, beams.duration_ns(scan))]
+        ends_ns = (scan.stamp_ns, scan.stamp_ns + beams.duration_ns(scan))
+        poses = [transforms.lookup("odom", scan.frame_id, end_ns) for end_ns in ends_ns]
         points = beams.straighten(points, np.linspace(0.0, 1.0, BEAMS), *poses)
         if grid is not None:
             pose = transforms.lookup("map", scan.frame_id, scan.stamp_ns)

@@ -33,7 +33,7 @@ def random_scans(draw):
     return points if len(points) > 1 else rng.uniform(-1.0, 1.0, (2, 2))
 
 
-lattice = st.lists(st.tuples(st.integers(0, 20), st.integers(0, 20)), min_size=2, max_size=60)
+lattice = st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=2, max_size=60)
 
 
 @settings(max_examples=150, deadline=None)
@@ -46,6 +46,12 @@ def test_single_linkage_equals_scipy(points, threshold):
 @given(random_scans(), THRESHOLDS)
 def test_complete_linkage_equals_scipy(points, threshold):
     assert np.array_equal(clusters.complete_linkage(points, threshold), scipy_clusters(points, "complete", threshold))
+
+
+@pytest.mark.parametrize("linkage_of", [clusters.single_linkage, clusters.complete_linkage])
+def test_points_exactly_at_the_threshold_are_joined(linkage_of):
+    points = np.array([[0.0, 0.0], [0.25, 0.0], [1.0, 0.0], [1.0, np.nextafter(0.25, 1.0)]])
+    assert linkage_of(points, 0.25).tolist() == [0, 0, 1, 2]
 
 
 @settings(max_examples=150, deadline=None)

@@ -35,7 +35,7 @@ class LegCueConfig:
     map_occupied: int = parameter(OCCUPIED_THRESHOLD, "occupancy from which a cell of the map is an obstacle", 1, 100)
     segment_gap: float = parameter(0.05, "points this close belong to one segment, metres", 0.001, 1.0)
     segment_gap_beams: float = parameter(
-        0.0, "neighbouring beams also belong to one segment if this many beam spacings apart; 0: off", 0.0, 10.0
+        0.0, "successive points also belong to one segment if this many beam spacings apart; 0: off", 0.0, 10.0
     )
     min_segment_points: int = parameter(2, "segments with fewer points are noise", 1, 100)
     max_segment_width: float = parameter(
@@ -188,7 +188,7 @@ class LegCue(Cue):
         if config.segment_gap_beams:
             spacings = np.minimum(ranges[hits[:-1]], ranges[hits[1:]]) * abs(scan.angle_increment)
             steps = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1))
-            near = np.flatnonzero((np.diff(hits) == 1) & (steps <= config.segment_gap_beams * spacings))
+            near = np.flatnonzero(steps <= config.segment_gap_beams * spacings)
             neighbours = np.stack([near, near + 1], axis=1)
         segments = clusters.single_linkage(points, config.segment_gap, neighbours)
         good = np.bincount(segments) >= config.min_segment_points
