@@ -174,6 +174,15 @@ def test_way_that_nobody_asked_about_is_not_forgotten():
     assert transforms.localisation_covariance(100 * SECOND)[0, 0] == pytest.approx(50.0 * 0.05**2)
 
 
+def test_fix_that_arrives_before_its_odometry_grows_all_the_same():
+    tree = TransformTree()
+    transforms = UncertainTransforms(tree, FramesConfig(), TransformsConfig(drift=DriftConfig(0.05, 0.0, 0.0, 0.0)))
+    transforms.add_localisation(0, fix(covariance=np.zeros((6, 6))))
+    for k in range(11):
+        tree.add("odom", "base_link", k * STEP_NS, Pose.from_xy_yaw(0.1 * k, 0.0, 0.0))
+    assert transforms.localisation_covariance(SECOND)[0, 0] == pytest.approx(0.05**2)
+
+
 def test_memory_is_bounded_while_fixes_come_and_when_they_stay_away():
     transforms = standing(seconds=1)
     transforms.add_localisation(0, fix())
