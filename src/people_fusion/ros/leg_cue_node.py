@@ -35,14 +35,12 @@ MARKER_QUEUE = 2
 class LegCueSettings:
     """The leg cue node's own parameters."""
 
-    scans: Tuple[str, ...] = parameter((topics.SCAN,), "topics of the scanners")
-    name: str = parameter("", "name of the cue where there is one scanner; empty: its topic's")
+    scans: Tuple[str, ...] = parameter((topics.SCAN,), "topics of the scanners; a cue has its topic's name")
+    transforms: bool = parameter(True, "whether there is tf; without, scanners stand still and no map is used")
 
     def __post_init__(self) -> None:
         if not self.scans or len(set(self.scans)) < len(self.scans):
             raise ConfigError(f"scans: expected topics that differ, got {list(self.scans)}")
-        if self.name and len(self.scans) > 1:
-            raise ConfigError(f"name: {self.name!r} cannot name the cues of {len(self.scans)} scanners")
 
 
 class _Waiting(NamedTuple):
@@ -62,6 +60,7 @@ class LegCues(Part):
         self, node: Node, settings: LegCueSettings, config: FusionConfig, deliver: Callable[[Measurement], None]
     ) -> None:
         self._node, self._deliver = node, deliver
+        self._source = node.source if settings.transforms else None
         self._waiting: WaitingRoom[_Waiting] = WaitingRoom(self._is_ready, config.transforms.patience_s)
         self._cues: Dict[str, Cue] = {}
         self._detections = rospy.Publisher(
@@ -69,10 +68,11 @@ class LegCues(Part):
         )
         self._markers = rospy.Publisher(topics.DETECTION_MARKERS, MarkerArray, queue_size=MARKER_QUEUE)
         for topic in settings.scans:
-            name = settings.name or rospy.resolve_name(topic).strip("/")
+            name = rospy.resolve_name(topic).strip("/")
             cue = self._cues[topic] = CUES.build(config.leg_cue, name=name, frames=config.frames)
             node.subscribe(topic, numpy_msg(LaserScan), self._callback(topic, cue), SCAN_QUEUE, SCAN_BUFFER)
-        node.subscribe(topics.MAP, numpy_msg(OccupancyGrid), self._on_map, 1)
+        if settings.transforms:
+            node.subscribe(topics.MAP, numpy_msg(OccupancyGrid), self._on_map, 1)
         node.diagnostics.add_losses(self._waiting.counters)
         node.diagnostics.add_facts(lambda: {"scans waiting": len(self._waiting)})
         node.parts.append(self)
@@ -83,7 +83,7 @@ class LegCues(Part):
             return
         for cue, scan, _ in self._waiting.poll(self._node.now_ns()):
             try:
-                measurement = cue.measure(scan, self._node.source)
+                measurement = cue.measure(scan, self._source)
             except DataError as error:
                 self._node.diagnostics.bad(error.reason, f"{cue.name}: {error}")
             except TransformUnavailable as error:
@@ -104,7 +104,7 @@ class LegCues(Part):
             scan = scan_from_msg(message)
             if not self._node.timeline.admit(cue.name, scan.stamp_ns):
                 raise DataError("scan left over from before a time jump")
-            waiting = _Waiting(cue, scan, cue.transforms_needed(scan))
+            waiting = _Waiting(cue, scan, cue.transforms_needed(scan) if self._source else ())
             self._waiting.push(cue.name, scan.stamp_ns, waiting, self._node.now_ns())
             self.serve()
 

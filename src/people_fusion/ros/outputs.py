@@ -18,7 +18,7 @@ from people_fusion.ros.adapters import people_adapter, spencer_adapter
 from people_fusion.ros.conversions import header_to_msg, poses_to_msg, tracks_to_msg
 from people_fusion.ros.markers import TrackMarkers
 
-COMPATIBLE = ("", "strands")
+COMPATIBLE = ("none", "strands")
 QUEUE = 10
 
 

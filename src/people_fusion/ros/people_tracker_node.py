@@ -30,7 +30,7 @@ LOCALISATION_QUEUE = 10
 class PeopleTrackerSettings:
     """The tracker node's own parameters."""
 
-    compatible: str = parameter("", "also publish what listeners of another tracker know", choices=COMPATIBLE)
+    compatible: str = parameter("none", "also publish what listeners of another tracker know", choices=COMPATIBLE)
 
 
 class PeopleTracker(Part):
