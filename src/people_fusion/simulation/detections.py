@@ -33,7 +33,7 @@ class DetectionsConfig:
     detection_probability: float = parameter(0.9, "of a person in view", low=0.0, high=1.0)
     clutter: float = parameter(1.0, "mean number of false detections in a measurement", low=0.0)
     field_of_view: float = parameter(
-        4.71238898, "of the sensor, straight ahead in its middle, radians", low=0.1, high=6.29
+        6.2832, "about straight ahead: the full circle, as two scanners have it, or less, radians", low=0.1, high=6.29
     )
     reach: float = parameter(8.0, "of the sensor, metres", low=0.5)
     confidence: float = parameter(0.9, "of each detection, true or false", low=0.0, high=1.0)
