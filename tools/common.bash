@@ -8,6 +8,12 @@ venv=$workspace/venv
 oracles=$workspace/oracles
 logs=$workspace/log
 
+if [ -z "${HOME:-}" ] || [ ! -w "$HOME" ]; then
+  export HOME=$workspace/home
+fi
+# Outside the checkout: rosrun takes every executable file below a package for one of its nodes, build products too.
+catkin=${XDG_CACHE_HOME:-$HOME/.cache}/people_fusion/$(sha256sum <<< "$checkout" | cut -c 1-12)
+
 say() { printf 'people_fusion: %s\n' "$*" >&2; }
 
 die() {
@@ -20,7 +26,7 @@ sanitise() {
   unset PYTHONPATH PYTHONHOME PYTHONSTARTUP VIRTUAL_ENV PYENV_VERSION BASH_ENV CDPATH
   unset CMAKE_PREFIX_PATH ROS_PACKAGE_PATH ROS_ROOT ROS_ETC_DIR PKG_CONFIG_PATH
   export PATH="$venv/bin:/usr/sbin:/usr/bin:/sbin:/bin${PATH:+:$PATH}"
-  export HOME="${HOME:-$workspace/home}" LC_ALL=C.UTF-8
+  export LC_ALL=C.UTF-8
 }
 
 source_quietly() { # setup files of ROS read variables that are not set
@@ -33,7 +39,7 @@ source_quietly() { # setup files of ROS read variables that are not set
 # The environment of the built workspace.
 enter() {
   sanitise
-  source_quietly "$workspace/devel/setup.bash"
+  source_quietly "$catkin/devel/setup.bash"
   export PATH="$venv/bin:$PATH"
 }
 

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import subprocess
 from pathlib import Path
-from typing import Dict, List
+from typing import Any, Dict, List
 
 import pytest
 import yaml
 
+from people_fusion.ros.composed_node import ComposedSettings
+from people_fusion.ros.leg_cue_node import LegCueSettings
+from people_fusion.ros.node import read_parameters
+from people_fusion.ros.people_tracker_node import PeopleTrackerSettings
 from people_fusion.simulation.scenario import load_scenario
 from people_fusion.tracking.fusion import load_config
 
@@ -26,6 +30,13 @@ LAUNCHES: Dict[str, List[str]] = {
     "scitos.launch preset:=volkhardt compatible:=strands composed:=false": ["/leg_cue_front", "/people_tracker"],
     f"replay.launch {BAG}": ["/leg_cue_front", "/leg_cue_rear", "/people_tracker", "/player", "/rviz"],
     f"replay.launch {BAG} rviz:=false loop:=true composed:=true": ["/people_fusion", "/player"],
+}
+
+SETTINGS = {
+    "/leg_cue_front": LegCueSettings,
+    "/leg_cue_rear": LegCueSettings,
+    "/people_tracker": PeopleTrackerSettings,
+    "/people_fusion": ComposedSettings,
 }
 
 
@@ -57,6 +68,28 @@ def test_arguments_reach_every_node() -> None:
         assert found[f"/{node}/frames/base"] == "base"
     assert found["/leg_cue_front/scans"] == ["/scan"]
     assert found["/leg_cue_rear/scans"] == ["/r"]
+
+
+def nested(parameters: Dict[str, object], node: str) -> Dict[str, Any]:
+    """A node's private parameters as rospy.get_param("~") gives them."""
+    tree: Dict[str, Any] = {}
+    for name, value in parameters.items():
+        if name.startswith(node + "/"):
+            *path, key = name[len(node) + 1 :].split("/")
+            branch = tree
+            for part in path:
+                branch = branch.setdefault(part, {})
+            branch[key] = value
+    return tree
+
+
+@pytest.mark.parametrize("launch", LAUNCHES)
+def test_every_node_accepts_its_parameters(launch: str) -> None:
+    found = parameters(launch)
+    for node in LAUNCHES[launch]:
+        settings = SETTINGS.get(node)
+        if settings is not None:
+            read_parameters(settings, nested(found, node), node)
 
 
 def test_composed_node_gets_both_scanners() -> None:
