@@ -82,10 +82,9 @@ def read_ground_truth(
     frames: Dict[int, str] = {}
     numbers: Dict[Any, int] = {}
     scan_stamp_ns, scan_frame = 0, ""
-    scan_names = {scan.name for scan in scans}
     for recorded in recording.messages([*scans, topic], start_s, duration_s):
         message = recorded.read()
-        if recorded.topic in scan_names:
+        if recorded.topic != topic.name:
             scan_stamp_ns, scan_frame = stamp(message.header), normalise_frame(message.header.frame_id)
             continue
         header = getattr(message, "header", None)

@@ -127,9 +127,14 @@ def replay(
         span_ns = recording.end_ns - recording.start_ns - from_seconds(selection.start_s)
         if selection.duration_s is not None:
             span_ns = min(span_ns, from_seconds(selection.duration_s))
-    truth, estimates, evaluation = score(sampler.samples, selection) if instants else (None, None, None)
     if sampler.skipped:
         counters["annotated instants without transform"] = sampler.skipped
+        if not sampler.samples:
+            raise RecordingError(
+                f"{path}: no transform connects {instants[0].frame_id} of {sources.ground_truth.name} "  # type: ignore[union-attr]
+                f"with {sources.frames.world}"
+            )
+    truth, estimates, evaluation = score(sampler.samples, selection) if sampler.samples else (None, None, None)
     return Outcome(
         sources,
         to_seconds(span_ns),

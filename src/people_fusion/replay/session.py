@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence
 
 from people_fusion.core.errors import DataError, TransformUnavailable
 from people_fusion.core.grids import OccupancyGrid
@@ -40,7 +40,7 @@ class Update(NamedTuple):
 class _Waiting:
     cue: Cue
     scan: Scan
-    requests: Tuple[TransformRequest, ...]
+    requests: Sequence[TransformRequest]
 
 
 class Session:
@@ -153,9 +153,11 @@ class Session:
     def _feed_scan(self, cue: Cue, message: Any) -> None:
         self._counts["scans"] += 1
         scan = conversions.scan(message)
-        requests = cue.transforms_needed(scan) if self._sources.transforms else ()
-        own = TransformRequest(self.fusion.tracking_frame, scan.frame_id, scan.stamp_ns)
-        self._waiting.push(cue.name, scan.stamp_ns, _Waiting(cue, scan, (*requests, own)), self._now_ns)
+        requests = {TransformRequest(self.fusion.tracking_frame, scan.frame_id, scan.stamp_ns)}
+        if self._sources.transforms:
+            requests.update(cue.transforms_needed(scan))
+        newest_first = sorted(requests, key=lambda request: (-request.stamp_ns, request))
+        self._waiting.push(cue.name, scan.stamp_ns, _Waiting(cue, scan, newest_first), self._now_ns)
 
     def _is_ready(self, waiting: _Waiting) -> bool:
         return all(

@@ -1,0 +1,167 @@
+"""A recording goes through cues and fusion as through the live graph: late transforms, bad data, odd clocks."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any, List, Tuple
+
+import numpy as np
+import pytest
+from bags import LASER_AT, BagBuilder, person_at, walk
+
+from people_fusion.core.errors import RecordingError
+from people_fusion.core.tracks import Tracks
+from people_fusion.replay.discovery import discover
+from people_fusion.replay.recording import Recording
+from people_fusion.replay.replay import Outcome, Selection, replay
+from people_fusion.replay.session import Session
+from people_fusion.tracking.fusion import load_config
+
+WALK = Selection(only_annotated=True)
+
+
+def run(path: Path, **overrides: Any) -> Tuple[Session, List[Tracks]]:
+    """Session after the whole recording, and the tracks after each measurement."""
+    config = load_config(None, overrides)
+    shown: List[Tracks] = []
+    with Recording(path) as recording:
+        sources = discover(recording, config.frames)
+        session = Session(
+            dataclasses.replace(config, frames=sources.frames),
+            sources,
+            after=lambda _: shown.append(session.fusion.tracks()),
+        )
+        session.run(recording)
+    return session, shown
+
+
+def scored(path: Path, **selection: Any) -> Outcome:
+    return replay(path, load_config(), dataclasses.replace(WALK, **selection))
+
+
+def test_a_person_who_walks_is_tracked_in_the_odometry_frame(tmp_path: Path) -> None:
+    session, shown = run(walk(tmp_path / "a.bag", 5.0))
+    tracks = shown[-1].select(shown[-1].confirmed)
+    seconds = 4.9
+    expected = np.array(person_at(seconds)) + [LASER_AT[0] + 0.5 * seconds, LASER_AT[1]]
+    assert tracks.frame_id == "odom" and session.processed >= 48
+    assert np.linalg.norm(tracks.means[:, :2] - expected, axis=1).min() < 0.2
+
+
+def test_a_recording_without_tf_is_tracked_in_the_frame_of_the_sensor(tmp_path: Path) -> None:
+    _, shown = run(walk(tmp_path / "a.bag", 5.0, tf_kind=None))
+    tracks = shown[-1].select(shown[-1].confirmed)
+    assert tracks.frame_id == "laser"
+    assert np.linalg.norm(tracks.means[:, :2] - person_at(4.9), axis=1).min() < 0.2
+
+
+@pytest.mark.parametrize("beams, field_of_view_deg", [(245, 190.0), (1440, 359.75)])
+def test_any_scanner_will_do(tmp_path: Path, beams: int, field_of_view_deg: float) -> None:
+    outcome = scored(walk(tmp_path / "a.bag", 5.0, beams=beams, field_of_view_deg=field_of_view_deg))
+    assert outcome.processed >= 48
+    assert outcome.evaluation is not None
+    assert outcome.evaluation.scores.clear_mot.misses <= 3
+
+
+@pytest.mark.parametrize("offset_s", [-4000.0, 300.0])
+def test_a_clock_that_is_minutes_off_changes_nothing(tmp_path: Path, offset_s: float) -> None:
+    _, here = run(walk(tmp_path / "a.bag", 5.0))
+    _, there = run(walk(tmp_path / "b.bag", 5.0, clock_offset_s=offset_s))
+    assert [tracks.stamp_ns for tracks in here] == [tracks.stamp_ns for tracks in there]
+    np.testing.assert_array_equal(here[-1].means, there[-1].means)
+
+
+def test_scans_wait_for_transforms_that_are_late(tmp_path: Path) -> None:
+    prompt, here = run(walk(tmp_path / "a.bag", 5.0))
+    late, there = run(walk(tmp_path / "b.bag", 5.0, tf_latency_s=0.2))
+    assert late.processed >= prompt.processed - 1
+    np.testing.assert_array_equal(here[-1].means, there[-1].means)
+
+
+def test_scans_whose_transforms_are_too_late_are_given_up_and_counted(tmp_path: Path) -> None:
+    session, shown = run(walk(tmp_path / "a.bag", 3.0, tf_latency_s=0.8))
+    assert shown == []
+    assert session.counters()["transform did not arrive in time"] > 20
+
+
+def test_a_recording_of_which_no_scan_can_be_used_is_refused_with_the_reason(tmp_path: Path) -> None:
+    path = walk(tmp_path / "a.bag", 3.0, tf_latency_s=0.8)
+    with pytest.raises(RecordingError, match=r"a\.bag: no scan could be used .*transform did not arrive in time"):
+        scored(path)
+
+
+def test_scans_without_stamp_and_transforms_that_are_not_finite_are_counted_and_left_out(tmp_path: Path) -> None:
+    with BagBuilder(tmp_path / "a.bag") as bag:
+        for step in range(30):
+            bag.odometry_links(step * 0.1)
+            bag.link(step * 0.1 + 0.05, "odom", "base_link", (np.nan, 0.0, 0.0))
+            bag.scan(step * 0.1, stamped=step % 10 != 3)
+    session, shown = run(tmp_path / "a.bag")
+    counters = session.counters()
+    assert counters["scan without stamp"] == 3
+    assert sum(count for name, count in counters.items() if name.startswith("transform: ")) == 30
+    assert session.processed == 27 and np.isfinite(shown[-1].means).all()
+
+
+def test_a_scan_that_is_empty_or_re_shaped_harms_no_other(tmp_path: Path) -> None:
+    with BagBuilder(tmp_path / "a.bag") as bag:
+        for step in range(50):
+            bag.odometry_links(step * 0.1)
+            bag.scan(step * 0.1, beams={10: 0, 20: 1, 30: 2000}.get(step, 541))
+            if step % 5 == 0:
+                bag.person_array(step * 0.1)
+    outcome = scored(tmp_path / "a.bag")
+    assert outcome.processed >= 48 and outcome.counters["scan without beams"] == 1
+    assert outcome.evaluation is not None and outcome.evaluation.scores.clear_mot.misses <= 3
+
+
+def test_only_instants_within_the_measurements_are_scored(tmp_path: Path) -> None:
+    with BagBuilder(tmp_path / "a.bag") as bag:
+        for step in range(60):
+            if 10 <= step < 40:
+                bag.scan(step * 0.1)
+            bag.person_array(step * 0.1)
+    outcome = scored(tmp_path / "a.bag", ground_truth="/ground_truth")
+    assert outcome.truth is not None
+    seconds = (outcome.truth.stamps_ns - outcome.truth.stamps_ns[0]) / 1e9
+    assert seconds[-1] == pytest.approx(2.8)  # from the first scan to before the last
+
+
+def test_a_window_of_the_recording_can_be_replayed(tmp_path: Path) -> None:
+    outcome = scored(walk(tmp_path / "a.bag", 6.0), start_s=2.0, duration_s=3.0)
+    assert outcome.recorded_s == 3.0 and outcome.scans == 30
+
+
+def test_a_latched_map_and_static_transforms_count_from_a_later_start_on(tmp_path: Path) -> None:
+    with BagBuilder(tmp_path / "a.bag") as bag:
+        info = bag.make("nav_msgs/MapMetaData", bag.time(0.0), 0.05, 20, 20, bag.pose(50.0, 50.0))
+        bag.add("/map", "nav_msgs/OccupancyGrid", 0.0, bag.header(0.0, "odom"), info, np.zeros(400, np.int8))
+        bag.link(0.0, "base_link", "laser", LASER_AT, topic="/tf_static")
+        for step in range(40):
+            bag.link(step * 0.1, "odom", "base_link")
+            bag.scan(step * 0.1)
+    outcome = scored(tmp_path / "a.bag", start_s=2.0)
+    assert outcome.grid is not None and outcome.processed >= 18
+
+
+def test_people_are_scored_where_they_are_annotated_in_the_frame_of_the_scanner(tmp_path: Path) -> None:
+    outcome = scored(walk(tmp_path / "a.bag", 6.0))
+    assert outcome.evaluation is not None
+    scores = outcome.evaluation.scores.clear_mot
+    assert scores.ground_truth_count >= 10 and scores.misses <= 3 and scores.mismatches == 0
+    assert scores.motp_m is not None and scores.motp_m < 0.15
+
+
+def test_without_annotations_nothing_is_scored(tmp_path: Path) -> None:
+    outcome = replay(walk(tmp_path / "a.bag", 2.0, truth=False), load_config(), Selection())
+    assert outcome.evaluation is None and outcome.truth is None and outcome.processed > 15
+
+
+def test_annotations_in_a_frame_that_never_appears_are_refused_by_name(tmp_path: Path) -> None:
+    with BagBuilder(tmp_path / "a.bag") as bag:
+        for step in range(20):
+            bag.scan(step * 0.1)
+            bag.person_array(step * 0.1, frame_id="mars")
+    with pytest.raises(RecordingError, match="no transform connects mars of /ground_truth with laser"):
+        scored(tmp_path / "a.bag")
