@@ -2,24 +2,28 @@
 
 set -euo pipefail
 
-checkout=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
-workspace=$checkout/.workspace
-venv=$workspace/venv
-oracles=$workspace/oracles
-logs=$workspace/log
-
-if [ -z "${HOME:-}" ] || [ ! -w "$HOME" ]; then
-  export HOME=$workspace/home
-fi
-# Outside the checkout: rosrun takes every executable file below a package for one of its nodes, build products too.
-catkin=${XDG_CACHE_HOME:-$HOME/.cache}/people_fusion/$(sha256sum <<< "$checkout" | cut -c 1-12)
-
 say() { printf 'people_fusion: %s\n' "$*" >&2; }
 
 die() {
   say "error: $*"
   exit 1
 }
+
+checkout=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
+workspace=$checkout/.workspace
+venv=$workspace/venv
+oracles=$workspace/oracles
+logs=$workspace/log
+
+if [ ! -w "${HOME:-/nowhere}" ]; then # unset, as under some runners, or a daemon's
+  HOME=$(unset HOME && echo ~)
+  [ -w "$HOME" ] || HOME=/var/tmp/people_fusion-$(id -u)
+  export HOME
+  mkdir -p -m 700 "$HOME"
+  [ -O "$HOME" ] || die "$HOME belongs to somebody else; set HOME"
+fi
+# Outside the checkout: rosrun takes every executable file below a package for one of its nodes, build products too.
+catkin=${XDG_CACHE_HOME:-$HOME/.cache}/people_fusion/$(sha256sum <<< "$checkout" | cut -c 1-12)
 
 # Variables of another Python or ROS workspace would lead commands astray.
 sanitise() {
