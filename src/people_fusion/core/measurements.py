@@ -9,6 +9,7 @@ import numpy as np
 
 XY_OBSERVED = (True, True, False)
 XYZ_OBSERVED = (True, True, True)
+PERSON_DEPTH_M = 0.4  # a beam that ends less than this before a person's middle may have hit the person
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,6 +21,8 @@ class Sight:
         yaw: direction of the sensor's x axis in that frame, radians.
         angle_min, angle_increment: directions of `ranges` in the sensor, radians.
         ranges: (B,) metres that were seen through before something was hit; NaN where the beam gave no information.
+            Where the cue would not have told a person from what was hit, metres up to which it would have, less
+            PERSON_DEPTH_M.
         range_max: beyond this nothing is seen, metres.
     """
 
@@ -30,7 +33,7 @@ class Sight:
     ranges: np.ndarray
     range_max: float
 
-    def visible(self, points: np.ndarray, half_width_m: float, depth_m: float) -> np.ndarray:
+    def visible(self, points: np.ndarray, half_width_m: float, depth_m: float = PERSON_DEPTH_M) -> np.ndarray:
         """(T,) share in [0, 1] of each person that the sensor saw or looked through.
 
         A direction without information counts as not seen: absence of evidence is none of absence.

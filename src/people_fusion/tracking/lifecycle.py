@@ -40,12 +40,13 @@ class Evidence:
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """existence (T,), memory (T, ...), confirmed (T,) and alive (T,) after a measurement."""
+    """existence (T,), memory (T, ...), confirmed (T,), alive (T,) and still (T,) after a measurement."""
 
     existence: np.ndarray
     memory: np.ndarray
     confirmed: np.ndarray
     alive: np.ndarray
+    still: np.ndarray
 
 
 class Lifecycle(abc.ABC):

@@ -23,6 +23,7 @@ class TrackTable:
         existence: (T,) in [0, 1].
         memory: (T, K) what the lifecycle remembers of each track.
         confirmed, matched, occluded: (T,) bool.
+        still: (T,) bool, never seen to move: furniture, whose position is kept.
         born_ns, seen_ns: (T,) int64, first and last detection.
         birthplace: (T, 2) where the track began, metres.
         strayed_m: (T,) farthest that the track has been from there, metres.
@@ -38,6 +39,7 @@ class TrackTable:
     confirmed: np.ndarray
     matched: np.ndarray
     occluded: np.ndarray
+    still: np.ndarray
     born_ns: np.ndarray
     seen_ns: np.ndarray
     birthplace: np.ndarray
@@ -57,6 +59,7 @@ class TrackTable:
             confirmed=np.zeros(0, dtype=bool),
             matched=np.zeros(0, dtype=bool),
             occluded=np.zeros(0, dtype=bool),
+            still=np.zeros(0, dtype=bool),
             born_ns=np.zeros(0, dtype=np.int64),
             seen_ns=np.zeros(0, dtype=np.int64),
             birthplace=np.zeros((0, 2)),

@@ -12,7 +12,7 @@ import numpy as np
 from people_fusion.core.config import parameter
 from people_fusion.core.errors import ConfigError
 from people_fusion.core.grids import OCCUPIED_THRESHOLD, OccupancyGrid
-from people_fusion.core.measurements import XY_OBSERVED, Measurement, Sight
+from people_fusion.core.measurements import PERSON_DEPTH_M, XY_OBSERVED, Measurement, Sight
 from people_fusion.core.scans import Scan
 from people_fusion.core.stamps import to_seconds
 from people_fusion.core.transforms import FramesConfig, TransformSource
@@ -116,7 +116,7 @@ class LegCue(Cue):
 
     def measure(self, data: Scan, transforms: Optional[TransformSource]) -> Measurement:
         ranges = beams.check(data)
-        points, hits = self._points(data, ranges, transforms)
+        points, hits, explained = self._points(data, ranges, transforms)
         legs = self._legs(points, hits, data, ranges)
         owners = self._owners(legs)
         positions, covariances, paired = self._people(legs, owners, abs(data.angle_increment))
@@ -133,7 +133,7 @@ class LegCue(Cue):
             observed=XY_OBSERVED,
             period_s=period_s,
             sequence=self._sequence,
-            sight=self._sight(data, ranges),
+            sight=self._sight(data, ranges, explained),
             points=legs.points,
             point_labels=legs.labels,
             legs=legs.centres,
@@ -142,12 +142,14 @@ class LegCue(Cue):
 
     def _points(
         self, scan: Scan, ranges: np.ndarray, transforms: Optional[TransformSource]
-    ) -> Tuple[np.ndarray, np.ndarray]:
-        """Points (N, 2) of the scanner's frame that no map explains, and the indices (N,) of their beams."""
+    ) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points (N, 2) of the scanner's frame that no map explains, the indices (N,) of their beams, and those of the
+        beams that the map explains."""
         hits = np.flatnonzero(beams.hits(ranges, scan.range_min, min(scan.range_max, self.config.max_range)))
         points = ranges[hits, None] * self._directions.of(scan)[hits]
+        background = np.zeros(0, dtype=int)
         if transforms is None:
-            return points, hits
+            return points, hits, background
         duration_ns = beams.duration_ns(scan)
         if self.config.deskew and duration_ns:
             fixed = self.frames.odom or self.frames.world
@@ -158,8 +160,9 @@ class LegCue(Cue):
             map_from_sensor = transforms.lookup(self._grid.frame_id, scan.frame_id, scan.stamp_ns)
             points_map = map_from_sensor.apply(np.column_stack([points, np.zeros(len(points))]))
             explained = self._grid.occupied_at(points_map, self.config.map_dilation, self.config.map_occupied)
+            background = hits[explained]
             points, hits = points[~explained], hits[~explained]
-        return points, hits
+        return points, hits, background
 
     def _legs(self, points: np.ndarray, hits: np.ndarray, scan: Scan, ranges: np.ndarray) -> _Legs:
         config = self.config
@@ -256,8 +259,11 @@ class LegCue(Cue):
         covariances[:, 0, 1] = covariances[:, 1, 0] = cos * sin * (along_variances - across_variances)
         return np.column_stack([middles, np.zeros(len(middles))]), covariances, paired
 
-    def _sight(self, scan: Scan, ranges: np.ndarray) -> Optional[Sight]:
-        """What the scanner could see, or None of a scan whose only beam has no width."""
+    def _sight(self, scan: Scan, ranges: np.ndarray, background: np.ndarray) -> Optional[Sight]:
+        """What the scanner could see, or None of a scan whose only beam has no width.
+
+        The legs of who stands within the dilation of the map are taken for background: to see nobody there says nothing.
+        """
         if scan.angle_increment == 0.0:
             return None
         # Beyond this the beams are too far apart for two points of a leg to be one segment.
@@ -265,6 +271,7 @@ class LegCue(Cue):
         resolved = LEG_WIDTH / config.min_segment_points if config.segment_gap_beams else config.segment_gap
         reach = min(scan.range_max, config.max_range, resolved / abs(scan.angle_increment))
         seen = beams.seen_through(ranges, scan.range_min, scan.range_max, reach)
+        seen[background] -= self.config.map_dilation + PERSON_DEPTH_M
         return Sight(np.zeros(2), 0.0, scan.angle_min, scan.angle_increment, seen, reach)
 
     def _note_stamp(self, scan: Scan) -> float:

@@ -34,7 +34,8 @@ class BayesConfig:
     mover_distance: float = parameter(
         0.5, "who never strayed this far from the birthplace counts as furniture in the end; 0: off, metres", low=0.0
     )
-    mover_patience_s: float = parameter(5.0, "time to stray that far before that, seconds", low=0.0)
+    mover_patience_s: float = parameter(20.0, "time to stray that far before that, seconds", low=0.0)
+    longest_unseen_furniture_s: float = parameter(60.0, "the same as `longest_unseen_s` for furniture, seconds", low=0.0)
 
 
 @LIFECYCLES.register("bayes", BayesConfig)
@@ -60,15 +61,13 @@ class Bayes(Lifecycle):
         )
         ages_s = (evidence.stamp_ns - table.born_ns) / 1e9
         unseen_s = (evidence.stamp_ns - table.seen_ns) / 1e9
-        if config.mover_distance > 0:
-            furniture = (table.strayed_m < config.mover_distance) & (ages_s > config.mover_patience_s)
-            existence = np.where(furniture, np.minimum(existence, config.lose_below * 0.99), existence)
+        furniture = (table.strayed_m < config.mover_distance) & (ages_s > config.mover_patience_s)
         confirmed = (existence >= config.confirm_above) | (table.confirmed & (existence >= config.lose_below))
-        confirmed &= unseen_s <= config.longest_hidden_report_s
+        confirmed &= (unseen_s <= config.longest_hidden_report_s) & ~furniture
         position_std = np.sqrt((table.covariances[:, 0, 0] + table.covariances[:, 1, 1]) / 2)
         alive = (
             (existence >= config.end_below)
-            & (unseen_s <= config.longest_unseen_s)
+            & (unseen_s <= np.where(furniture, config.longest_unseen_furniture_s, config.longest_unseen_s))
             & (position_std <= config.largest_position_std)
         )
-        return Verdict(existence, table.memory, confirmed & alive, alive)
+        return Verdict(existence, table.memory, confirmed & alive, alive, furniture)

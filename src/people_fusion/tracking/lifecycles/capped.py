@@ -58,4 +58,4 @@ class Capped(Lifecycle):
             memory[:, column] += gain
         position_std = np.sqrt(table.covariances[:, 0, 0] + table.covariances[:, 1, 1])
         alive = (confidence > config.prune_below) | (position_std < config.prune_position_std)
-        return Verdict(confidence, memory, (confidence >= config.validate_above) & alive, alive)
+        return Verdict(confidence, memory, (confidence >= config.validate_above) & alive, alive, table.still)

@@ -49,4 +49,4 @@ class Window(Lifecycle):
         confidence = np.where(recent, memory[:, 1], 0.0).sum(axis=1)  # eq. 3.7
         confirmed = (confidence > config.confirm_above) | (table.confirmed & (confidence >= config.lose_below))
         alive = evidence.stamp_ns - table.seen_ns < self._window_ns
-        return Verdict(np.minimum(confidence, 1.0), memory, confirmed & alive, alive)
+        return Verdict(np.minimum(confidence, 1.0), memory, confirmed & alive, alive, table.still)

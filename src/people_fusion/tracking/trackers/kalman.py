@@ -58,7 +58,7 @@ class KalmanConfig:
     merge_speed: float = parameter(0.5, "moving alike: difference of velocities below this, m/s", low=0.0)
     prune_by_map: bool = parameter(False, "drop detections and tracks in the map's occupied cells")
     body_half_width: float = parameter(0.2, "of what a sensor could see of a person, metres", low=0.01)
-    body_depth: float = parameter(0.4, "a beam that ends so far before a person's middle was blocked, metres", low=0.0)
+    still_std: float = parameter(0.02, "of what is known to stand still after a second, metres", low=0.0)
     shared_error: str = parameter(
         "add",
         "slow pose error that detections share: `add` it to the output as it is at the last detection, or `consider` it"
@@ -97,6 +97,8 @@ class KalmanTracker(Tracker):
         self._motion = MOTION_MODELS.build(config.motion)
         self._assignment = ASSIGNMENT_METHODS.build(config.assignment)
         self._lifecycle = LIFECYCLES.build(config.lifecycle)
+        self._still_noise = np.zeros((self._motion.dimension, self._motion.dimension))
+        self._still_noise[[0, 1], [0, 1]] = config.still_std**2
         self._state = self._initial_state()
         self._identities: OrderedDict[Tuple[int, str, int, int], int] = OrderedDict()
         self._next_id = 1
@@ -205,6 +207,9 @@ class KalmanTracker(Tracker):
         if len(table) and duration_s > 0:
             transition, noise = self._motion.transition(duration_s)
             means, covariances = predict(table.means, table.covariances, transition, noise)
+            if table.still.any():
+                means[table.still] = table.means[table.still]
+                covariances[table.still] = table.covariances[table.still] + duration_s * self._still_noise
             table = dataclasses.replace(table, means=means, covariances=covariances)
             if self.config.shared_error == "consider":
                 fading = math.exp(-duration_s / self.config.shared_error_time_s)
@@ -266,8 +271,12 @@ class KalmanTracker(Tracker):
         table = self._state.table
         verdict = self._lifecycle.judge(table, evidence)
         strayed = np.hypot(*(table.means[:, :2] - table.birthplace).T)
+        stopped = verdict.still & ~table.still
+        if stopped.any():
+            table = self._stop(table, stopped)
         table = dataclasses.replace(
             table,
+            still=verdict.still,
             existence=verdict.existence,
             memory=verdict.memory,
             confirmed=verdict.confirmed,
@@ -278,6 +287,14 @@ class KalmanTracker(Tracker):
         if not verdict.alive.all():
             table = table.select(verdict.alive)
         self._state = dataclasses.replace(self._state, table=table)
+
+    def _stop(self, table: TrackTable, rows: np.ndarray) -> TrackTable:
+        """Tracks that stand still have no velocity to be uncertain of."""
+        means, covariances, cross = table.means.copy(), table.covariances.copy(), table.shared_cross.copy()
+        means[rows, 3:] = 0.0
+        covariances[rows, 3:, :] = covariances[rows, :, 3:] = 0.0
+        cross[rows, 3:] = 0.0
+        return dataclasses.replace(table, means=means, covariances=covariances, shared_cross=cross)
 
     def _merge(self) -> None:
         """Volkhardt III-C 5: of two tracks at one place that move alike the less believed goes."""
@@ -470,6 +487,7 @@ class KalmanTracker(Tracker):
             confirmed=np.zeros(count, dtype=bool),
             matched=np.ones(count, dtype=bool),
             occluded=np.zeros(count, dtype=bool),
+            still=np.zeros(count, dtype=bool),
             born_ns=stamps,
             seen_ns=stamps,
             birthplace=means[:, :2].copy(),
@@ -490,7 +508,7 @@ class KalmanTracker(Tracker):
         table = self._state.table
         if measurement.sight is None:
             return np.ones(len(table))
-        return measurement.sight.visible(table.means[:, :2], self.config.body_half_width, self.config.body_depth)
+        return measurement.sight.visible(table.means[:, :2], self.config.body_half_width)
 
     def _jacobians(self, measurement: Measurement, axes: np.ndarray) -> np.ndarray:
         assert measurement.shared_jacobians is not None
