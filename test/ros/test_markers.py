@@ -1,0 +1,151 @@
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Dict, List, Tuple
+
+import numpy as np
+import pytest
+
+pytest.importorskip("people_fusion.msg", reason="the messages are not built; tools/test builds them")
+
+from visualization_msgs.msg import Marker
+
+from people_fusion.core.measurements import XY_OBSERVED, Measurement
+from people_fusion.core.tracks import Tracks
+from people_fusion.ros import markers as m
+
+S = 10**9
+
+
+def tracks_at(
+    *people: Tuple[int, float, float], stamp_ns: int = S, confirmed: bool = True, frame: str = "map"
+) -> Tracks:
+    """Tracks of (id, x, y) who walk along x at 1 m/s."""
+    count = len(people)
+    means = np.array([(x, y, 1.7, 1.0, 0.0) for _, x, y in people]).reshape(-1, 5)
+    return Tracks(
+        stamp_ns, frame, np.array([name for name, _, _ in people], dtype=np.int64), means,
+        np.tile(0.04 * np.eye(5), (count, 1, 1)), np.full(count, 0.8), np.full(count, confirmed),
+        np.ones(count, dtype=bool), np.zeros(count, dtype=bool), np.ones(count),
+    )  # fmt: skip
+
+
+def by_namespace(array: Any, action: int = Marker.ADD) -> Dict[str, List[Any]]:
+    found: Dict[str, List[Any]] = {}
+    for marker in array.markers:
+        if marker.action == action:
+            found.setdefault(marker.ns, []).append(marker)
+    return found
+
+
+def test_ellipses_hold_95_percent() -> None:
+    rng = np.random.default_rng(1)
+    covariance = np.array([[0.5, 0.3], [0.3, 0.4]])
+    (outline,) = m.ellipses(np.array([[2.0, -1.0]]), covariance[None])
+    away = outline - [2.0, -1.0]
+    squared = np.einsum("ci,ij,cj->c", away, np.linalg.inv(covariance), away)
+    np.testing.assert_allclose(squared, squared[0])
+    np.testing.assert_allclose(outline[0], outline[-1])
+    drawn = rng.multivariate_normal([0.0, 0.0], covariance, 20_000)
+    inside = np.einsum("ci,ij,cj->c", drawn, np.linalg.inv(covariance), drawn) < squared[0]
+    assert inside.mean() == pytest.approx(0.95, abs=0.005)
+
+
+def test_each_person_has_body_name_arrow_and_a_part_of_the_lists() -> None:
+    shown = by_namespace(m.TrackMarkers().update(tracks_at((3, 1.0, 2.0), (4, 5.0, 6.0))))
+    assert {name: len(shown[name]) for name in (m.BODY, m.IDENTITY, m.VELOCITY, m.HEAD, m.ELLIPSE)} == {
+        m.BODY: 2, m.IDENTITY: 2, m.VELOCITY: 2, m.HEAD: 1, m.ELLIPSE: 1,
+    }  # fmt: skip
+    assert len(shown[m.HEAD][0].points) == 2
+    assert [marker.id for marker in shown[m.BODY]] == [3, 4]
+    assert (shown[m.BODY][0].pose.position.x, shown[m.BODY][0].pose.position.y) == (1.0, 2.0)
+    assert shown[m.VELOCITY][0].points[1].x == pytest.approx(2.0)
+
+
+def test_opacity_is_existence() -> None:
+    body = by_namespace(m.TrackMarkers().update(tracks_at((3, 1.0, 2.0))))[m.BODY][0]
+    assert body.color.a == pytest.approx(0.8)
+
+
+def test_colours_and_points_of_lists_match() -> None:
+    for marker in m.TrackMarkers().update(tracks_at((3, 1.0, 2.0), (4, 5.0, 6.0))).markers:
+        if marker.colors:
+            assert len(marker.colors) == len(marker.points), marker.ns
+        if marker.type == Marker.LINE_LIST:
+            assert len(marker.points) % 2 == 0
+
+
+def test_who_has_gone_is_removed_once() -> None:
+    shown = m.TrackMarkers()
+    shown.update(tracks_at((3, 1.0, 2.0), (4, 5.0, 6.0)))
+    removed = by_namespace(shown.update(tracks_at((4, 5.0, 6.0))), Marker.DELETE)
+    assert {name: [marker.id for marker in entries] for name, entries in removed.items()} == {
+        m.BODY: [3], m.IDENTITY: [3], m.VELOCITY: [3],
+    }  # fmt: skip
+    assert not by_namespace(shown.update(tracks_at((4, 5.0, 6.0))), Marker.DELETE)
+
+
+def test_last_one_gone_leaves_nothing() -> None:
+    shown = m.TrackMarkers()
+    added = {(marker.ns, marker.id) for marker in shown.update(tracks_at((3, 1.0, 2.0))).markers}
+    array = shown.update(tracks_at())
+    assert {(marker.ns, marker.id) for marker in array.markers} == added
+    assert all(marker.action == Marker.DELETE for marker in array.markers)
+
+
+def test_trail_follows_and_ends_after_a_while() -> None:
+    shown = m.TrackMarkers()
+    for step in range(200):
+        array = shown.update(tracks_at((3, 0.1 * step, 0.0), stamp_ns=S + step * S // 10))
+    points = by_namespace(array)[m.TRAIL][0].points
+    xs = [point.x for point in points]
+    assert max(xs) == pytest.approx(19.9, abs=0.2)
+    assert min(xs) == pytest.approx(19.9 - m.TRAIL_S, abs=0.2)
+
+
+def test_trail_begins_anew_in_another_frame() -> None:
+    shown = m.TrackMarkers()
+    for step in range(20):
+        shown.update(tracks_at((3, float(step), 0.0), stamp_ns=S + step))
+    assert m.TRAIL not in by_namespace(shown.update(tracks_at((3, 0.0, 0.0), frame="odom", stamp_ns=2 * S)))
+
+
+def test_candidates_are_outlines_alone() -> None:
+    shown = by_namespace(m.TrackMarkers().update(tracks_at((3, 1.0, 2.0), confirmed=False)))
+    assert set(shown) == {m.CANDIDATE}
+
+
+def test_clear_removes_everything() -> None:
+    (marker,) = m.TrackMarkers().clear().markers
+    assert marker.action == Marker.DELETEALL
+
+
+def test_child_and_giant_have_bodies() -> None:
+    tracks = tracks_at((3, 1.0, 2.0), (4, 1.0, 2.0))
+    tracks.means[:, 2] = [-1.0, 9.0]
+    for body in by_namespace(m.TrackMarkers().update(tracks))[m.BODY]:
+        assert 0.0 < body.scale.z < 3.0
+
+
+def measurement_of(count: int) -> Measurement:
+    return Measurement(
+        S, "scan", "legs", "laser", np.zeros((count, 3)), np.tile(0.01 * np.eye(3), (count, 1, 1)), np.ones(count),
+        XY_OBSERVED, legs=np.ones((2 * count, 2)), leg_owners=np.repeat(np.arange(count), 2),
+    )  # fmt: skip
+
+
+def test_detections_and_legs_are_shown_in_the_sensor_frame() -> None:
+    rings, legs = m.detection_markers(measurement_of(2)).markers
+    assert rings.header.frame_id == "laser"
+    assert len(legs.points) == 4
+    assert len(rings.points) == 2 * 2 * m.ELLIPSE_CORNERS
+
+
+def test_nobody_seen_removes_the_detections() -> None:
+    assert [marker.action for marker in m.detection_markers(measurement_of(0)).markers] == [Marker.DELETE] * 2
+
+
+def test_two_cues_do_not_overwrite_each_other() -> None:
+    front = m.detection_markers(measurement_of(1)).markers
+    rear = m.detection_markers(dataclasses.replace(measurement_of(1), cue="rear")).markers
+    assert not {(a.ns, a.id) for a in front} & {(b.ns, b.id) for b in rear}
