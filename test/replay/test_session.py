@@ -11,12 +11,16 @@ import pytest
 from bags import LASER_AT, BagBuilder, person_at, walk
 
 from people_fusion.core.errors import RecordingError
+from people_fusion.core.measurements import Measurement
 from people_fusion.core.tracks import Tracks
 from people_fusion.replay.discovery import discover
 from people_fusion.replay.recording import Recording
 from people_fusion.replay.replay import Outcome, Selection, replay
 from people_fusion.replay.session import Session
-from people_fusion.tracking.fusion import load_config
+from people_fusion.simulation.bag import write_bag
+from people_fusion.simulation.scenario import load_scenario
+from people_fusion.simulation.simulator import simulate
+from people_fusion.tracking.fusion import Fusion, load_config
 
 WALK = Selection(only_annotated=True)
 
@@ -165,3 +169,31 @@ def test_annotations_in_a_frame_that_never_appears_are_refused_by_name(tmp_path:
             bag.person_array(step * 0.1, frame_id="mars")
     with pytest.raises(RecordingError, match="no transform connects mars of /ground_truth with laser"):
         scored(tmp_path / "a.bag")
+
+
+@pytest.mark.parametrize("offset_s", [0.0, -4000.0, 300.0])
+def test_arrivals_are_told_on_the_clock_of_the_stamps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, offset_s: float
+) -> None:
+    delays_s: List[float] = []
+    push = Fusion.push
+
+    def spy(fusion: Fusion, measurement: Measurement, now_ns: int) -> bool:
+        delays_s.append((now_ns - measurement.stamp_ns) / 1e9)
+        return push(fusion, measurement, now_ns)
+
+    monkeypatch.setattr(Fusion, "push", spy)
+    run(walk(tmp_path / "a.bag", 2.0, clock_offset_s=offset_s))
+    assert len(delays_s) > 15 and min(delays_s) >= 0.0 and max(delays_s) < 0.2
+
+
+def test_a_simulated_museum_is_tracked_in_its_map_with_its_localisation(tmp_path: Path) -> None:
+    scenario = dataclasses.replace(load_scenario("museum"), duration_s=10.0)
+    write_bag(tmp_path / "museum.bag", simulate(scenario, 1))
+    outcome = replay(tmp_path / "museum.bag", load_config(), Selection())
+    sources = outcome.sources
+    assert [topic.name for topic in sources.scans] == ["/scan_front", "/scan_rear"]
+    assert sources.localisation is not None and sources.localisation.name == "/amcl_pose"
+    assert sources.map is not None and (sources.frames.world, sources.frames.odom) == ("map", "odom")
+    assert outcome.processed >= outcome.scans - 3
+    assert outcome.evaluation is not None and outcome.evaluation.scores.clear_mot.matches > 5
