@@ -65,8 +65,8 @@ def test_bayes_existence_equals_the_formula(detect):
     assert tracker.tracks().existence[0] == pytest.approx(0.3 * 0.2 / (1 - 0.3 * 0.8))
 
 
-def test_bayes_counts_what_never_moves_as_furniture(detect):
-    tracker = build({"type": "bayes", "mover_distance": 0.5, "mover_patience_s": 2.0})
+def test_bayes_counts_what_rests_as_furniture(detect):
+    tracker = build({"type": "bayes", "furniture_after_s": 2.0})
     reported = []
     for step in range(60):
         tracker.process(detect(step * 0.1, (1.0, 0.0), (0.05 * step, 2.0), sequence=step))

@@ -23,10 +23,10 @@ class TrackTable:
         existence: (T,) in [0, 1].
         memory: (T, K) what the lifecycle remembers of each track.
         confirmed, matched, occluded: (T,) bool.
-        still: (T,) bool, never seen to move: furniture, whose position is kept.
+        still: (T,) bool, rests for so long that it is furniture, whose position is kept.
         born_ns, seen_ns: (T,) int64, first and last detection.
-        birthplace: (T, 2) where the track began, metres.
-        strayed_m: (T,) farthest that the track has been from there, metres.
+        resting_place: (T, 2) where the track began or last moved to, metres.
+        resting_since_ns: (T,) int64, when.
     """
 
     ids: np.ndarray
@@ -42,8 +42,8 @@ class TrackTable:
     still: np.ndarray
     born_ns: np.ndarray
     seen_ns: np.ndarray
-    birthplace: np.ndarray
-    strayed_m: np.ndarray
+    resting_place: np.ndarray
+    resting_since_ns: np.ndarray
 
     @staticmethod
     def empty(dimension: int, memory: Tuple[int, ...]) -> TrackTable:
@@ -62,8 +62,8 @@ class TrackTable:
             still=np.zeros(0, dtype=bool),
             born_ns=np.zeros(0, dtype=np.int64),
             seen_ns=np.zeros(0, dtype=np.int64),
-            birthplace=np.zeros((0, 2)),
-            strayed_m=np.zeros(0),
+            resting_place=np.zeros((0, 2)),
+            resting_since_ns=np.zeros(0, dtype=np.int64),
         )
 
     def __len__(self) -> int:

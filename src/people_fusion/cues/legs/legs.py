@@ -262,7 +262,7 @@ class LegCue(Cue):
     def _sight(self, scan: Scan, ranges: np.ndarray, background: np.ndarray) -> Optional[Sight]:
         """What the scanner could see, or None of a scan whose only beam has no width.
 
-        The legs of who stands within the dilation of the map are taken for background: to see nobody there says nothing.
+        The legs of who stands within the dilation of the map are taken for background: to see nobody says nothing.
         """
         if scan.angle_increment == 0.0:
             return None

@@ -31,11 +31,10 @@ class BayesConfig:
     longest_unseen_s: float = parameter(5.0, "time without detection that ends a track, seconds", low=0.0)
     longest_hidden_report_s: float = parameter(5.0, "unseen persons are reported for so long, seconds", low=0.0)
     largest_position_std: float = parameter(1.5, "a track with more uncertain position ends, metres", low=0.0)
-    mover_distance: float = parameter(
-        0.5, "who never strayed this far from the birthplace counts as furniture in the end; 0: off, metres", low=0.0
+    furniture_after_s: float = parameter(
+        45.0, "who rests this long is furniture and not reported until it moves, seconds; .inf: off", low=0.0
     )
-    mover_patience_s: float = parameter(20.0, "time to stray that far before that, seconds", low=0.0)
-    longest_unseen_furniture_s: float = parameter(60.0, "the same as `longest_unseen_s` for furniture, seconds", low=0.0)
+    longest_unseen_furniture_s: float = parameter(60.0, "`longest_unseen_s` of furniture, seconds", low=0.0)
 
 
 @LIFECYCLES.register("bayes", BayesConfig)
@@ -59,9 +58,8 @@ class Bayes(Lifecycle):
         existence = np.where(
             evidence.new, config.birth_existence, existence * ratio / (1.0 - existence + existence * ratio)
         )
-        ages_s = (evidence.stamp_ns - table.born_ns) / 1e9
         unseen_s = (evidence.stamp_ns - table.seen_ns) / 1e9
-        furniture = (table.strayed_m < config.mover_distance) & (ages_s > config.mover_patience_s)
+        furniture = (evidence.stamp_ns - table.resting_since_ns) / 1e9 > config.furniture_after_s
         confirmed = (existence >= config.confirm_above) | (table.confirmed & (existence >= config.lose_below))
         confirmed &= (unseen_s <= config.longest_hidden_report_s) & ~furniture
         position_std = np.sqrt((table.covariances[:, 0, 0] + table.covariances[:, 1, 1]) / 2)

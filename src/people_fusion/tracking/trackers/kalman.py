@@ -58,6 +58,7 @@ class KalmanConfig:
     merge_speed: float = parameter(0.5, "moving alike: difference of velocities below this, m/s", low=0.0)
     prune_by_map: bool = parameter(False, "drop detections and tracks in the map's occupied cells")
     body_half_width: float = parameter(0.2, "of what a sensor could see of a person, metres", low=0.01)
+    rest_distance: float = parameter(0.4, "who stays within this distance of a place rests there, metres", low=0.0)
     still_std: float = parameter(0.02, "of what is known to stand still after a second, metres", low=0.0)
     shared_error: str = parameter(
         "add",
@@ -269,8 +270,14 @@ class KalmanTracker(Tracker):
 
     def _judge(self, evidence: Evidence) -> None:
         table = self._state.table
+        moved = evidence.matched & (np.hypot(*(table.means[:, :2] - table.resting_place).T) > self.config.rest_distance)
+        if moved.any():
+            table = dataclasses.replace(
+                table,
+                resting_place=np.where(moved[:, None], table.means[:, :2], table.resting_place),
+                resting_since_ns=np.where(moved, self._now, table.resting_since_ns),
+            )
         verdict = self._lifecycle.judge(table, evidence)
-        strayed = np.hypot(*(table.means[:, :2] - table.birthplace).T)
         stopped = verdict.still & ~table.still
         if stopped.any():
             table = self._stop(table, stopped)
@@ -282,7 +289,6 @@ class KalmanTracker(Tracker):
             confirmed=verdict.confirmed,
             matched=evidence.matched,
             occluded=evidence.visible < 0.5,
-            strayed_m=np.where(evidence.matched, np.maximum(table.strayed_m, strayed), table.strayed_m),
         )
         if not verdict.alive.all():
             table = table.select(verdict.alive)
@@ -490,8 +496,8 @@ class KalmanTracker(Tracker):
             still=np.zeros(count, dtype=bool),
             born_ns=stamps,
             seen_ns=stamps,
-            birthplace=means[:, :2].copy(),
-            strayed_m=np.zeros(count),
+            resting_place=means[:, :2].copy(),
+            resting_since_ns=stamps,
         )
 
     def _identity(self, measurement: Measurement, row: int) -> int:
