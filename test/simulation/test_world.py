@@ -89,6 +89,13 @@ def test_walking_legs_alternate_and_one_is_slow_while_the_other_swings():
     assert np.abs(legs[:, 0] - legs[:, 1]).max() < 0.6
 
 
+def test_body_is_carried_between_its_feet():
+    walk = {"do": "walk", "to": [[5, 0]]}
+    history = run_of([{"start": [-5, 0], "facing": [5, 0], "lean": 0.0, "activities": [walk]}]).history
+    ahead = history.heads[100:300, 0, 0] - history.legs[100:300, 0, :, 0].mean(axis=1)
+    assert abs(ahead.mean()) < 0.05
+
+
 def test_steps_grow_with_the_speed():
     slow, fast = (np.ptp(walker(s).history.legs[100:300, 0, :, 0] @ [1.0, -1.0]) for s in (0.6, 1.2))
     assert fast > 1.2 * slow
