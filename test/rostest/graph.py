@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import subprocess
 import tempfile
 import time
@@ -31,8 +32,6 @@ PATIENCE_S = 20.0  # by the wall; for what should take much less
 
 def simulated(directory: Path, scenario: str, duration_s: float, seed: int = 1) -> Path:
     """A recording with ground truth."""
-    import dataclasses
-
     shortened = dataclasses.replace(load_scenario(scenario), duration_s=duration_s)
     path = directory / f"{scenario}.bag"
     write_bag(path, simulate(shortened, seed))
