@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 from types import SimpleNamespace
 from typing import Any, Dict
 
@@ -20,6 +21,7 @@ from people_fusion.ros.leg_cue_node import LegCueSettings
 from people_fusion.ros.node import read_parameters
 from people_fusion.ros.people_tracker_node import PeopleTrackerSettings
 from people_fusion.ros.transforms import Missing
+from people_fusion.tracking.fusion import FusionConfig
 
 NOW = 100.0
 
@@ -30,6 +32,12 @@ def test_own_parameters_and_preset_are_told_apart() -> None:
     assert settings.scans == ("front", "rear")
     assert settings.compatible == "strands"
     assert config.frames.world == "hall"
+
+
+@pytest.mark.parametrize("settings", [LegCueSettings, PeopleTrackerSettings, ComposedSettings])
+def test_own_parameters_hide_none_of_the_preset(settings: Any) -> None:
+    own = {field.name for field in dataclasses.fields(settings)}
+    assert not own & {field.name for field in dataclasses.fields(FusionConfig)}
 
 
 @pytest.mark.parametrize(

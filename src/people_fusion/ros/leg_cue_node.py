@@ -36,7 +36,7 @@ class LegCueSettings:
     """The leg cue node's own parameters."""
 
     scans: Tuple[str, ...] = parameter((topics.SCAN,), "topics of the scanners; a cue has its topic's name")
-    transforms: bool = parameter(True, "whether there is tf; without, scanners stand still and no map is used")
+    use_tf: bool = parameter(True, "whether there is tf; without, scanners stand still and no map is used")
 
     def __post_init__(self) -> None:
         if not self.scans or len(set(self.scans)) < len(self.scans):
@@ -60,7 +60,7 @@ class LegCues(Part):
         self, node: Node, settings: LegCueSettings, config: FusionConfig, deliver: Callable[[Measurement], None]
     ) -> None:
         self._node, self._deliver = node, deliver
-        self._source = node.source if settings.transforms else None
+        self._source = node.source if settings.use_tf else None
         self._waiting: WaitingRoom[_Waiting] = WaitingRoom(self._is_ready, config.transforms.patience_s)
         self._cues: Dict[str, Cue] = {}
         self._detections = rospy.Publisher(
@@ -71,7 +71,7 @@ class LegCues(Part):
             name = rospy.resolve_name(topic).strip("/")
             cue = self._cues[topic] = CUES.build(config.leg_cue, name=name, frames=config.frames)
             node.subscribe(topic, numpy_msg(LaserScan), self._callback(topic, cue), SCAN_QUEUE, SCAN_BUFFER)
-        if settings.transforms:
+        if settings.use_tf:
             node.subscribe(topics.MAP, numpy_msg(OccupancyGrid), self._on_map, 1)
         node.diagnostics.add_losses(self._waiting.counters)
         node.diagnostics.add_facts(lambda: {"scans waiting": len(self._waiting)})
