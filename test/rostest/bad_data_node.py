@@ -14,10 +14,14 @@ import rospy
 import rostest
 from diagnostic_msgs.msg import DiagnosticStatus
 from graph import DiagnosticListener, TrackListener, wait_for_subscribers, wait_until
+from nav_msgs.msg import OccupancyGrid as OccupancyGridMsg
 from scans import BEAMS, PERIOD_S, good_scan
 from sensor_msgs.msg import LaserScan
 
+from people_fusion.core.grids import OccupancyGrid
+from people_fusion.core.poses import Pose
 from people_fusion.msg import DetectedPerson, DetectedPersons
+from people_fusion.ros.conversions import grid_to_msg
 
 
 def with_ranges(value: float) -> LaserScan:
@@ -118,6 +122,21 @@ class BadData(unittest.TestCase):
 
         wait_until(complained, "an error that names the frame")
         self.assert_tracked()
+
+    def test_map_in_a_frame_that_never_appears_is_laid_aside(self) -> None:
+        cells = np.zeros((100, 100), dtype=np.int8)
+        grid = OccupancyGrid("hall", 0.05, Pose.identity(), cells)
+        publisher = rospy.Publisher("/map", OccupancyGridMsg, queue_size=1, latch=True)
+        publisher.publish(grid_to_msg(grid))
+
+        def said() -> bool:
+            self.scans.publish(good_scan())
+            rospy.sleep(PERIOD_S)
+            return "from laser to hall" in self.diagnostics.message("leg_cue")
+
+        wait_until(said, "a complaint that names the frame")
+        self.assert_tracked()
+        self.assertEqual(self.diagnostics.value("leg_cue", "map in use"), "False")
 
     def assert_counted(self, node: str, reason: str) -> None:
         wait_until(lambda: self.diagnostics.count(node, f"lost: {reason}") > 0, f"{node} to count: {reason}")

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, NamedTuple, Tuple
+from typing import Any, Callable, Dict, NamedTuple, Optional, Tuple
 
 import rospy
-from nav_msgs.msg import OccupancyGrid
+from nav_msgs.msg import OccupancyGrid as OccupancyGridMsg
 from rospy.numpy_msg import numpy_msg
 from sensor_msgs.msg import LaserScan
 from visualization_msgs.msg import MarkerArray
 
 from people_fusion.core.config import parameter
 from people_fusion.core.errors import ConfigError, DataError, TransformUnavailable
+from people_fusion.core.grids import OccupancyGrid
 from people_fusion.core.measurements import Measurement
 from people_fusion.core.scans import Scan
 from people_fusion.core.waiting import WaitingRoom
@@ -29,6 +31,7 @@ SCAN_QUEUE = 10  # a second of most scanners: the node may stall for that long, 
 SCAN_BUFFER = 1 << 20  # bytes; rospy lags where a message does not fit
 DETECTION_QUEUE = 20
 MARKER_QUEUE = 2
+MAP_PATIENCE_S = 3.0  # a map whose frame has never been seen for so long is laid aside until it is
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,9 @@ class LegCues(Part):
         self._source = node.source if settings.use_tf else None
         self._waiting: WaitingRoom[_Waiting] = WaitingRoom(self._is_ready, config.transforms.patience_s)
         self._cues: Dict[str, Cue] = {}
+        self._grid: Optional[OccupancyGrid] = None
+        self._map_is_used = False
+        self._newest: Optional[Scan] = None
         self._detections = rospy.Publisher(
             topics.DETECTIONS, DetectedPersons, queue_size=DETECTION_QUEUE, tcp_nodelay=True
         )
@@ -72,13 +78,14 @@ class LegCues(Part):
             cue = self._cues[topic] = CUES.build(config.leg_cue, name=name, frames=config.frames)
             node.subscribe(topic, numpy_msg(LaserScan), self._callback(topic, cue), SCAN_QUEUE, SCAN_BUFFER)
         if settings.use_tf:
-            node.subscribe(topics.MAP, numpy_msg(OccupancyGrid), self._on_map, 1)
+            node.subscribe(topics.MAP, numpy_msg(OccupancyGridMsg), self._on_map, 1)
         node.diagnostics.add_losses(self._waiting.counters)
-        node.diagnostics.add_facts(lambda: {"scans waiting": len(self._waiting)})
+        node.diagnostics.add_facts(lambda: {"scans waiting": len(self._waiting), "map in use": self._map_is_used})
         node.parts.append(self)
 
     def serve(self) -> None:
         """Measure the scans whose transforms are there."""
+        self._watch_map()
         if not self._waiting:
             return
         for cue, scan, _ in self._waiting.poll(self._node.now_ns()):
@@ -104,6 +111,7 @@ class LegCues(Part):
             scan = scan_from_msg(message)
             if not self._node.timeline.admit(cue.name, scan.stamp_ns):
                 raise DataError("scan left over from before a time jump")
+            self._newest = scan
             waiting = _Waiting(cue, scan, cue.transforms_needed(scan) if self._source else ())
             self._waiting.push(cue.name, scan.stamp_ns, waiting, self._node.now_ns())
             self.serve()
@@ -111,9 +119,29 @@ class LegCues(Part):
         return on_scan
 
     def _on_map(self, message: Any) -> None:
-        grid = grid_from_msg(message)
-        for cue in self._cues.values():
-            cue.set_map(grid)
+        self._grid = grid_from_msg(message)
+        self._use_map(True)
+
+    def _watch_map(self) -> None:
+        """Without localisation a map must not keep the cues from working; it counts from when its frame is seen."""
+        if self._grid is None or self._newest is None:
+            return
+        if not self._map_is_used:
+            newest = TransformRequest(self._grid.frame_id, self._newest.frame_id, self._newest.stamp_ns)
+            with suppress(TransformUnavailable):
+                self._use_map(request_is_met(self._node.source, newest))
+        elif any(
+            missing.target_frame == self._grid.frame_id and not missing.ever_found and missing.seconds > MAP_PATIENCE_S
+            for missing in self._node.source.missing()
+        ):
+            rospy.logwarn("no transform to %s: the map is not used until there is one", self._grid.frame_id)
+            self._use_map(False)
+
+    def _use_map(self, is_used: bool) -> None:
+        if is_used or self._map_is_used:
+            for cue in self._cues.values():
+                cue.set_map(self._grid if is_used else None)
+        self._map_is_used = is_used
 
     def _is_ready(self, waiting: _Waiting) -> bool:
         return all(request_is_met(self._node.source, request) for request in waiting.requests)

@@ -36,6 +36,11 @@ class Missing(NamedTuple):
     ever_found: bool
     reason: str
 
+    @property
+    def seconds(self) -> float:
+        """How long it has been missing."""
+        return time.monotonic() - self.since
+
 
 class Tf2Source(TransformSource):
     """tf2's buffer. Not thread-safe.
