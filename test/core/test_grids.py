@@ -53,13 +53,13 @@ def test_dilation_covers_the_cells_within_the_radius(radius):
     np.testing.assert_array_equal(grid(wall()).occupied_at(centres, radius), expected.ravel())
 
 
-def test_dilation_is_made_once_and_leaves_the_map_alone():
+def test_distances_are_made_once_and_leaves_the_map_alone():
     walled = grid(wall())
-    assert walled.dilated(0.2) is walled.dilated(0.2)
-    assert walled.dilated(0.2) is not walled.dilated(0.1)
+    assert walled.distances() is walled.distances()
+    assert walled.distances() is not walled.distances(threshold=99)
     np.testing.assert_array_equal(walled.occupancy, wall())
     with pytest.raises(ValueError, match="read-only"):
-        walled.dilated(0.2)[0, 0] = True
+        walled.distances()[0, 0] = 1.0
 
 
 def test_dilation_of_an_empty_map_is_empty():

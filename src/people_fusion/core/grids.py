@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Dict, Tuple
+from typing import Dict
 
 import numpy as np
 import scipy.ndimage
@@ -13,6 +13,7 @@ from people_fusion.core.errors import DataError
 from people_fusion.core.poses import Pose
 
 OCCUPIED_THRESHOLD = 65
+ROUND_OFF = 1e-6  # metres
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +36,7 @@ class OccupancyGrid:
     origin: Pose
     occupancy: np.ndarray
     stamp_ns: int = 0
-    _masks: Dict[Tuple[float, int], np.ndarray] = field(default_factory=dict, init=False, repr=False)
+    _distances: Dict[int, np.ndarray] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.resolution) and self.resolution > 0.0):
@@ -57,27 +58,30 @@ class OccupancyGrid:
             raise DataError("map with a wrong number of cells", f"{cells.size} instead of {width} x {height}")
         return OccupancyGrid(frame_id, resolution, origin, cells.reshape(height, width), stamp_ns)
 
-    def dilated(self, radius_m: float, threshold: int = OCCUPIED_THRESHOLD) -> np.ndarray:
-        """(height, width) bool: cells whose centre is at most `radius_m` from that of a cell occupied at `threshold`.
+    def distances(self, threshold: int = OCCUPIED_THRESHOLD) -> np.ndarray:
+        """(height, width) metres from each cell's centre to the nearest occupied cell's; +inf where there is none.
 
         Kept, so that it costs something only once; read only.
         """
-        key = (radius_m, threshold)
-        if key not in self._masks:
-            mask = self.occupancy >= threshold
-            if radius_m > 0.0 and mask.any():
-                distance_cells = scipy.ndimage.distance_transform_edt(~mask)
-                mask = distance_cells <= radius_m / self.resolution + 1e-6
-            mask.setflags(write=False)
-            self._masks[key] = mask
-        return self._masks[key]
+        if threshold not in self._distances:
+            free = self.occupancy < threshold
+            if free.all():
+                distances = np.full(free.shape, np.inf)
+            else:
+                distances = scipy.ndimage.distance_transform_edt(free) * self.resolution
+            distances.setflags(write=False)
+            self._distances[threshold] = distances
+        return self._distances[threshold]
 
-    def occupied_at(self, points: np.ndarray, radius_m: float = 0.0, threshold: int = OCCUPIED_THRESHOLD) -> np.ndarray:
-        """(N,) bool: whether the (N, 2) or (N, 3) points, in the map's frame, lie in an occupied cell.
+    def dilated(self, radius_m: float, threshold: int = OCCUPIED_THRESHOLD) -> np.ndarray:
+        """(height, width) bool: cells whose centre is at most `radius_m` from an occupied cell's."""
+        return self.distances(threshold) <= radius_m + ROUND_OFF
+
+    def clearances(self, points: np.ndarray, threshold: int = OCCUPIED_THRESHOLD) -> np.ndarray:
+        """(N,) metres from the cells of the (N, 2) or (N, 3) points, in the map's frame, to the nearest occupied cell.
 
         Args:
-            points: metres; a point outside the map or not finite is in no cell.
-            radius_m: by which occupied cells are dilated first.
+            points: metres; a point outside the map or not finite is +inf away.
             threshold: occupancy from which on a cell counts as occupied.
         """
         rotation = self.origin.rotation[:2, :2]
@@ -86,6 +90,14 @@ class OccupancyGrid:
             cells = (points[:, :2] - self.origin.translation[:2]) @ rotation / self.resolution
             inside = ((cells >= 0.0) & (cells < (width, height))).all(axis=1)
         columns, rows = cells[inside].astype(int).T
-        occupied = np.zeros(len(points), dtype=bool)
-        occupied[inside] = self.dilated(radius_m, threshold)[rows, columns]
-        return occupied
+        away = np.full(len(points), np.inf)
+        away[inside] = self.distances(threshold)[rows, columns]
+        return away
+
+    def occupied_at(self, points: np.ndarray, radius_m: float = 0.0, threshold: int = OCCUPIED_THRESHOLD) -> np.ndarray:
+        """(N,) bool: whether the points lie in an occupied cell; arguments as in `clearances`.
+
+        Args:
+            radius_m: by which occupied cells are dilated first.
+        """
+        return self.clearances(points, threshold) <= radius_m + ROUND_OFF

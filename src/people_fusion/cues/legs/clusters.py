@@ -98,6 +98,13 @@ def means(values: np.ndarray, labels: np.ndarray) -> np.ndarray:
     return np.stack([np.bincount(labels, values[:, axis]) / count for axis in range(2)], axis=1)
 
 
+def least(values: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    """(L,) smallest of the (N,) values of each label 0 ... L - 1."""
+    smallest = np.full(labels.max(initial=-1) + 1, np.inf)
+    np.minimum.at(smallest, labels, values)
+    return smallest
+
+
 def relabel(labels: np.ndarray) -> np.ndarray:
     """The same clusters with labels 0, 1, ... by first appearance."""
     _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)

@@ -11,7 +11,7 @@ import numpy as np
 
 from people_fusion.core.config import parameter
 from people_fusion.core.errors import ConfigError
-from people_fusion.core.grids import OCCUPIED_THRESHOLD, OccupancyGrid
+from people_fusion.core.grids import OCCUPIED_THRESHOLD, ROUND_OFF, OccupancyGrid
 from people_fusion.core.measurements import PERSON_DEPTH_M, XY_OBSERVED, Measurement, Sight
 from people_fusion.core.scans import Scan
 from people_fusion.core.stamps import to_seconds
@@ -32,6 +32,11 @@ class LegCueConfig:
 
     deskew: bool = parameter(True, "project each beam with the pose of its own instant where `time_increment` is given")
     map_dilation: float = parameter(0.2, "what is this close to an obstacle of the map is background, metres", 0.0, 2.0)
+    map_doubt: float = parameter(0.0, "legs this close to an obstacle of the map may be part of it, metres", 0.0, 2.0)
+    map_doubt_per_metre: float = parameter(
+        0.0, "so much more for each metre from the scanner, where an error of the robot's heading weighs", 0.0, 1.0
+    )
+    doubtful_confidence: float = parameter(0.0, "that legs that may be part of the map are a person", 0.0, 1.0)
     map_occupied: int = parameter(OCCUPIED_THRESHOLD, "occupancy from which a cell of the map is an obstacle", 1, 100)
     segment_gap: float = parameter(0.05, "points this close belong to one segment, metres", 0.001, 1.0)
     segment_gap_beams: float = parameter(
@@ -71,12 +76,13 @@ class LegCueConfig:
 
 
 class _Legs(NamedTuple):
-    """The scan's points that are legs, points (P, 2) with labels (P,), and the legs (L,)."""
+    """Points (P, 2) that are of legs with their leg (P,); the legs (L,) with their clearance from the map."""
 
     points: np.ndarray
     labels: np.ndarray
     centres: np.ndarray
     groups: np.ndarray
+    clearances: np.ndarray
 
 
 @CUES.register("legs", LegCueConfig)
@@ -96,7 +102,7 @@ class LegCue(Cue):
     def set_map(self, grid: Optional[OccupancyGrid]) -> None:
         self._grid = grid
         if grid is not None:
-            grid.dilated(self.config.map_dilation, self.config.map_occupied)  # now, not in the first scan
+            grid.distances(self.config.map_occupied)  # now, not in the first scan
 
     def reset(self) -> None:
         self._newest_ns = None
@@ -116,8 +122,8 @@ class LegCue(Cue):
 
     def measure(self, data: Scan, transforms: Optional[TransformSource]) -> Measurement:
         ranges = beams.check(data)
-        points, hits, explained = self._points(data, ranges, transforms)
-        legs = self._legs(points, hits, data, ranges)
+        points, hits, background, clearances = self._points(data, ranges, transforms)
+        legs = self._legs(points, hits, clearances, data, ranges)
         owners = self._owners(legs)
         positions, covariances, paired = self._people(legs, owners, abs(data.angle_increment))
         period_s = self._note_stamp(data)
@@ -129,11 +135,11 @@ class LegCue(Cue):
             frame_id=data.frame_id,
             positions=positions,
             covariances=covariances,
-            confidences=np.where(paired, self.config.pair_confidence, self.config.single_confidence),
+            confidences=self._confidences(legs, owners, paired),
             observed=XY_OBSERVED,
             period_s=period_s,
             sequence=self._sequence,
-            sight=self._sight(data, ranges, explained),
+            sight=self._sight(data, ranges, background),
             points=legs.points,
             point_labels=legs.labels,
             legs=legs.centres,
@@ -142,14 +148,15 @@ class LegCue(Cue):
 
     def _points(
         self, scan: Scan, ranges: np.ndarray, transforms: Optional[TransformSource]
-    ) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points (N, 2) of the scanner's frame that no map explains, the indices (N,) of their beams, and those of the
-        beams that the map explains."""
+    ) -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Points (N, 2) of the scanner's frame that no map explains, the indices (N,) of their beams, those of the
+        beams that the map explains, and how far the points are from what the map holds (N,), metres."""
         hits = np.flatnonzero(beams.hits(ranges, scan.range_min, min(scan.range_max, self.config.max_range)))
         points = ranges[hits, None] * self._directions.of(scan)[hits]
         background = np.zeros(0, dtype=int)
+        clearances = np.full(len(points), np.inf)
         if transforms is None:
-            return points, hits, background
+            return points, hits, background, clearances
         duration_ns = beams.duration_ns(scan)
         if self.config.deskew and duration_ns:
             fixed = self.frames.odom or self.frames.world
@@ -159,28 +166,32 @@ class LegCue(Cue):
         if self._grid is not None:
             map_from_sensor = transforms.lookup(self._grid.frame_id, scan.frame_id, scan.stamp_ns)
             points_map = map_from_sensor.apply(np.column_stack([points, np.zeros(len(points))]))
-            explained = self._grid.occupied_at(points_map, self.config.map_dilation, self.config.map_occupied)
+            clearances = self._grid.clearances(points_map, self.config.map_occupied)
+            explained = clearances <= self.config.map_dilation + ROUND_OFF
             background = hits[explained]
-            points, hits = points[~explained], hits[~explained]
-        return points, hits, background
+            points, hits, clearances = points[~explained], hits[~explained], clearances[~explained]
+        return points, hits, background, clearances
 
-    def _legs(self, points: np.ndarray, hits: np.ndarray, scan: Scan, ranges: np.ndarray) -> _Legs:
+    def _legs(
+        self, points: np.ndarray, hits: np.ndarray, clearances: np.ndarray, scan: Scan, ranges: np.ndarray
+    ) -> _Legs:
         config = self.config
         kept = self._segments(points, hits, scan, ranges)
-        points = points[kept]
+        points, clearances = points[kept], clearances[kept]
         groups = clusters.single_linkage(points, config.group_gap)
         legs = clusters.complete_linkage(points, config.leg_diameter)
         if config.min_leg_points > 1 and len(legs):
             kept = np.bincount(legs)[legs] >= config.min_leg_points
             points, groups, legs = points[kept], groups[kept], clusters.relabel(legs[kept])
+            clearances = clearances[kept]
         if not len(legs):
-            return _Legs(points, legs, np.zeros((0, 2)), np.zeros(0, dtype=int))
+            return _Legs(points, legs, np.zeros((0, 2)), np.zeros(0, dtype=int), np.zeros(0))
         centres = clusters.means(points, legs)
         if config.leg_radius:
             distances = np.maximum(np.hypot(centres[:, 0], centres[:, 1]), TINY)
             centres *= 1.0 + ARC_DEPTH * config.leg_radius / distances[:, None]
         first = np.unique(legs, return_index=True)[1]
-        return _Legs(points, legs, centres, groups[first])
+        return _Legs(points, legs, centres, groups[first], clusters.least(clearances, legs))
 
     def _segments(self, points: np.ndarray, hits: np.ndarray, scan: Scan, ranges: np.ndarray) -> np.ndarray:
         """(N,) bool, the points in segments that are neither noise nor, if so configured, walls."""
@@ -273,6 +284,16 @@ class LegCue(Cue):
         seen = beams.seen_through(ranges, scan.range_min, scan.range_max, reach)
         seen[background] -= self.config.map_dilation + PERSON_DEPTH_M
         return Sight(np.zeros(2), 0.0, scan.angle_min, scan.angle_increment, seen, reach)
+
+    def _confidences(self, legs: _Legs, owners: np.ndarray, paired: np.ndarray) -> np.ndarray:
+        """(N,) by whether both legs were seen, and whether an obstacle of the map could be what was seen."""
+        config = self.config
+        confidences = np.where(paired, config.pair_confidence, config.single_confidence)
+        if len(confidences) and config.map_doubt + config.map_doubt_per_metre > 0.0:
+            doubtful = config.map_doubt + config.map_doubt_per_metre * np.hypot(legs.centres[:, 0], legs.centres[:, 1])
+            near = clusters.least(legs.clearances - doubtful, owners) <= 0.0
+            confidences = np.where(near, np.minimum(confidences, config.doubtful_confidence), confidences)
+        return confidences
 
     def _note_stamp(self, scan: Scan) -> float:
         """Take notice of a stamp, and the median period of the last scans; stamps that do not advance say nothing."""

@@ -20,19 +20,18 @@ from people_fusion.tracking.table import TrackTable
 class BayesConfig:
     """Probabilities of the sensors and of people."""
 
-    detection_probability: float = parameter(0.85, "that a visible person is detected", low=0.01, high=0.999)
-    clutter_density: float = parameter(0.05, "false detections per square metre and measurement", low=1e-9)
+    detection_probability: float = parameter(0.6, "that a visible person is detected", low=0.01, high=0.999)
+    clutter_density: float = parameter(0.3, "false detections per square metre and measurement, near people", low=1e-9)
     birth_existence: float = parameter(0.15, "existence of a new track", low=0.0, high=1.0)
     mean_stay_s: float = parameter(60.0, "after which an unseen person has left, on average, seconds", low=0.1)
-    largest_ratio: float = parameter(4.0, "bound of what one detection may say, as errors come in runs", low=1.0)
+    largest_ratio: float = parameter(3.0, "bound of what one detection may say, as errors come in runs", low=1.0)
     confirm_above: float = parameter(0.9, "existence from which a track is a person", low=0.0, high=1.0)
     lose_below: float = parameter(0.4, "existence below which a person is none any more", low=0.0, high=1.0)
     end_below: float = parameter(0.02, "existence below which a track ends", low=0.0, high=1.0)
-    longest_unseen_s: float = parameter(5.0, "time without detection that ends a track, seconds", low=0.0)
-    longest_hidden_report_s: float = parameter(5.0, "unseen persons are reported for so long, seconds", low=0.0)
+    longest_unseen_s: float = parameter(3.0, "time without detection that ends a track, seconds", low=0.0)
     largest_position_std: float = parameter(1.5, "a track with more uncertain position ends, metres", low=0.0)
     furniture_after_s: float = parameter(
-        45.0, "who rests this long is furniture and not reported until it moves, seconds; .inf: off", low=0.0
+        90.0, "who rests this long is furniture and not reported until it moves, seconds; .inf: off", low=0.0
     )
     longest_unseen_furniture_s: float = parameter(60.0, "`longest_unseen_s` of furniture, seconds", low=0.0)
 
@@ -53,7 +52,8 @@ class Bayes(Lifecycle):
         missed = 1.0 - config.detection_probability * evidence.visible
         log_ratio = evidence.log_likelihoods + math.log(config.detection_probability / config.clutter_density)
         bound = math.log(config.largest_ratio)
-        hit = np.exp(np.clip(log_ratio, -bound, bound))
+        # A detection that is hardly a person's says hardly anything, for or against.
+        hit = np.exp(np.clip(log_ratio, -bound, bound) * evidence.confidences)
         ratio = np.where(evidence.matched, hit, missed)
         existence = np.where(
             evidence.new, config.birth_existence, existence * ratio / (1.0 - existence + existence * ratio)
@@ -61,7 +61,7 @@ class Bayes(Lifecycle):
         unseen_s = (evidence.stamp_ns - table.seen_ns) / 1e9
         furniture = (evidence.stamp_ns - table.resting_since_ns) / 1e9 > config.furniture_after_s
         confirmed = (existence >= config.confirm_above) | (table.confirmed & (existence >= config.lose_below))
-        confirmed &= (unseen_s <= config.longest_hidden_report_s) & ~furniture
+        confirmed &= ~furniture
         position_std = np.sqrt((table.covariances[:, 0, 0] + table.covariances[:, 1, 1]) / 2)
         alive = (
             (existence >= config.end_below)
