@@ -26,7 +26,7 @@ from people_fusion.tracking.fusion import load_config
 from people_fusion.tracking.tracker import TRACKERS
 
 REPOSITORY = Path(__file__).resolve().parent.parent
-ORACLES = Path(os.environ.get("PEOPLE_FUSION_ORACLES", str(REPOSITORY / ".workspace/oracles/bin/python")))
+ORACLES = Path(os.environ.get("PEOPLE_FUSION_ORACLE_PYTHON", str(REPOSITORY / ".workspace/oracles/bin/python")))
 PEOPLE = (5, 10, 20)
 
 
