@@ -74,7 +74,8 @@ def test_recorded_tracks_score_as_the_replay_that_wrote_them(bag: Path, tmp_path
     direct = replayed(bag, tmp_path, "--out", str(tmp_path / "tracks.bag"))
     json_path = tmp_path / "again.json"
     arguments = [str(tmp_path / "tracks.bag"), "--truth", str(bag), "--json", str(json_path)]
-    assert evaluate_tracks.main(arguments) == 0
+    assert evaluate_tracks.main([*arguments, "--report", str(tmp_path / "live")]) == 0
+    assert "MOTA" in (tmp_path / "live" / "report.html").read_text()
     again = json.loads(json_path.read_text())
     for key in ("mota", "motp_m", "miss_rate", "ground_truth_count"):
         assert again[key] == pytest.approx(direct[key], abs=1e-3)

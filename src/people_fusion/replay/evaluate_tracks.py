@@ -10,16 +10,18 @@ import numpy as np
 from rich.console import Console
 
 from people_fusion.core.errors import DataError, RecordingError, TransformUnavailable
+from people_fusion.core.grids import OccupancyGrid
 from people_fusion.core.stamps import to_seconds
 from people_fusion.core.tracks import Tracks
 from people_fusion.core.transforms import TransformTree
 from people_fusion.evaluation.clear_mot import THRESHOLD_M
-from people_fusion.replay.conversions import links
+from people_fusion.evaluation.report import run_report
+from people_fusion.replay.conversions import links, occupancy_grid
 from people_fusion.replay.discovery import find_ground_truth
 from people_fusion.replay.ground_truth import Instant, read_ground_truth
 from people_fusion.replay.recording import Recording
 from people_fusion.replay.replay import Selection, score
-from people_fusion.replay.results import figures, guarded, print_scores, write_json
+from people_fusion.replay.results import figures, guarded, print_scores, save_report, write_json
 from people_fusion.replay.track_bag import PREDICTION_LIMIT_NS, TRACKS_TOPIC, predicted, read_tracks
 
 
@@ -45,10 +47,30 @@ def run(options: argparse.Namespace, notes: Console) -> None:
     samples = sample(tracks, instants, transforms)
     notes.print(f"{len(samples)} of {len(instants)} annotated instants lie within the tracks", highlight=False)
     selection = Selection(only_annotated=options.only_annotated, threshold_m=options.threshold)
-    evaluation = score(samples, selection)[2] if samples else None
+    truth, estimates, evaluation = score(samples, selection) if samples else (None, None, None)
     print_scores(options.bag.stem, evaluation)
     if options.json is not None:
         write_json(options.json, figures(evaluation))
+    if options.report is not None:
+        if truth is None or estimates is None or evaluation is None:
+            raise RecordingError(f"{options.report}: nothing is annotated, so there is nothing to report")
+        source = options.truth or options.bag
+        said = [f"tracks of {options.bag.name}, people of {source.name}"]
+        html = run_report(options.bag.stem, truth, estimates, evaluation, read_map(source, frame_id), notes=said)
+        save_report(options.report, html)
+
+
+def read_map(path: Path, frame_id: str) -> Optional[OccupancyGrid]:
+    """The recording's newest map in this frame, or None."""
+    grid = None
+    with Recording(path) as recording:
+        for recorded in recording.messages(recording.of_kind("OccupancyGrid")):
+            try:
+                found = occupancy_grid(recorded.read())
+            except DataError:
+                continue
+            grid = found if found.frame_id == frame_id else grid
+    return grid
 
 
 def read_truth(path: Path, topic: Optional[str], frame_id: str) -> Tuple[List[Instant], TransformTree]:
@@ -107,6 +129,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--tracks", default=TRACKS_TOPIC, metavar="TOPIC", help="topic of the tracks (default %(default)s)")
     add("--ground-truth", metavar="TOPIC", help="topic of the annotated people (default: found by name and type)")
     add("--json", type=Path, metavar="FILE", help="write the table")
+    add("--report", type=Path, metavar="DIR", help="write an HTML report with plots")
     add("--only-annotated", action="store_true", help="not everybody is annotated: count no false positives")
     add("--threshold", type=float, default=THRESHOLD_M, metavar="M", help="largest distance of a match, default 0.5")
     return parser

@@ -14,10 +14,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from people_fusion.core.config import merge
 from people_fusion.core.errors import ConfigError, RecordingError
 from people_fusion.evaluation.clear_mot import THRESHOLD_M
-from people_fusion.evaluation.report import run_report, write_report
+from people_fusion.evaluation.report import run_report
 from people_fusion.replay.discovery import Sources
 from people_fusion.replay.replay import Outcome, Selection, replay
-from people_fusion.replay.results import figures, guarded, print_scores, settings, write_json
+from people_fusion.replay.results import figures, guarded, print_scores, save_report, settings, write_json
 from people_fusion.tracking.fusion import load_config
 
 ARRIVALS = ("scans", "scans processed")
@@ -127,11 +127,7 @@ def _report(
         outcome.counters,
         [*outcome.sources.notes, lines[0]],
     )
-    try:
-        write_report(directory / "report.html", html)
-    except OSError as error:
-        raise RecordingError(f"{directory}: {error.strerror}") from error
-    print(directory / "report.html")
+    save_report(directory, html)
 
 
 def _not_negative(name: str, value: float) -> float:

@@ -12,6 +12,7 @@ from rich.console import Console
 
 from people_fusion.core.errors import PeopleFusionError, RecordingError
 from people_fusion.evaluation.evaluate import Evaluation, Scores
+from people_fusion.evaluation.report import write_report
 from people_fusion.evaluation.tables import count_table, score_table
 
 
@@ -56,6 +57,19 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
         path.write_text(text + "\n", encoding="utf-8")
     except OSError as error:
         raise RecordingError(f"{path}: {error.strerror}") from error
+
+
+def save_report(directory: Path, html: str) -> None:
+    """Write a report into a directory and print where it is.
+
+    Raises:
+        RecordingError: the file cannot be written.
+    """
+    try:
+        write_report(directory / "report.html", html)
+    except OSError as error:
+        raise RecordingError(f"{directory}: {error.strerror}") from error
+    print(directory / "report.html")
 
 
 def _finite(value: Any) -> Any:
