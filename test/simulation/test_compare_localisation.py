@@ -11,7 +11,7 @@ import pytest
 
 from people_fusion.evaluation.evaluate import evaluate
 from people_fusion.evaluation.truth import Estimates, Truth
-from people_fusion.simulation.compare_localisation import instants, main, picture
+from people_fusion.simulation.compare_localisation import by_second, main, picture
 from people_fusion.simulation.trials import Run
 
 TREATMENTS = ["output", "white", "consider", "none"]
@@ -64,14 +64,17 @@ def test_without_error_there_is_nothing_to_treat(tmp_path: Path) -> None:
     assert table["output"]["nees"] == pytest.approx(table["none"]["nees"], rel=0.01)
 
 
-def test_nees_is_averaged_over_people_and_then_over_runs() -> None:
-    first = run_of([0.0, 1.0, 2.0], [[0.1, 0.3], [0.2], []])
-    second = run_of([0.0, 1.0, 3.0], [[0.2], [0.4, 0.4, 0.4], [0.1]])
-    assert list(instants(first)) == [0, 10**9, 2 * 10**9]
-    np.testing.assert_allclose(list(instants(first).values()), [5.0, 4.0, np.nan])
+def test_nees_is_averaged_over_people_of_a_second_and_then_over_runs() -> None:
+    first = run_of([0.0, 0.5, 1.0, 2.0], [[0.1], [0.3], [0.2], []])
+    second = run_of([0.0, 1.0, 4.0], [[0.2], [0.4, 0.4, 0.4], [0.1]])
+    assert by_second(first) == pytest.approx({0: 5.0, 1: 4.0})
     (line,) = (e for e in picture([{"output": first}, {"output": second}]).axes[0].lines if e.get_label() == "output")
-    np.testing.assert_allclose(line.get_xdata(), [0.0, 1.0, 2.0, 3.0])
-    np.testing.assert_allclose(line.get_ydata(), [4.5, 10.0, np.nan, 1.0])
+    np.testing.assert_allclose(line.get_xdata(), [0, 1, 2, 3, 4])
+    np.testing.assert_allclose(line.get_ydata(), [4.5, 10.0, np.nan, np.nan, 1.0])
+
+
+def test_picture_of_nobody_is_empty() -> None:
+    assert picture([{"output": run_of([0.0], [[]])}]).axes
 
 
 @pytest.mark.slow

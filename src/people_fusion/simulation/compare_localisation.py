@@ -108,31 +108,28 @@ def treatment_table(scores: Mapping[str, Scores]) -> Table:
 
 
 def picture(runs: Sequence[Mapping[str, Run]]) -> Figure:
-    """NEES over time, averaged over the people at each instant and then over the runs, for each treatment."""
-    per_run: List[Dict[str, Dict[int, float]]] = [
-        {name: instants(run) for name, run in treatments.items()} for treatments in runs
-    ]
-    # Runs start with the first scan, which may come before or after the first annotation.
-    stamps = sorted({stamp for treatments in per_run for series in treatments.values() for stamp in series})
+    """NEES over time for each treatment, averaged over the matched people of a second and then over the runs."""
+    series = {name: [by_second(treatments[name]) for treatments in runs] for name in runs[0]}
+    known = {second for of_runs in series.values() for run in of_runs for second in run}
+    seconds = np.arange(min(known), max(known) + 1) if known else np.zeros(0, dtype=np.int64)
     averages = {}
-    for name in runs[0]:
-        values = np.array([[treatments[name].get(stamp, np.nan) for stamp in stamps] for treatments in per_run])
-        known = np.isfinite(values)
-        sums = np.where(known, values, 0.0).sum(axis=0)
-        averages[name] = np.divide(sums, known.sum(axis=0), out=np.full(len(stamps), np.nan), where=known.any(axis=0))
-    seconds = (np.array(stamps, dtype=np.int64) - min(stamps, default=0)) / NANOSECONDS
-    return plot_average_nees(seconds, averages, DIMENSION, len(runs))
+    for name, of_runs in series.items():
+        values = np.array([[run.get(second, np.nan) for second in seconds.tolist()] for run in of_runs])
+        counts = np.isfinite(values).sum(axis=0)
+        averages[name] = np.divide(
+            np.nansum(values, axis=0), counts, out=np.full(len(seconds), np.nan), where=counts > 0
+        )
+    return plot_average_nees(seconds - seconds[:1], averages, DIMENSION, len(runs))
 
 
-def instants(run: Run) -> Dict[int, float]:
-    """Mean NEES of the matched people by stamp, NaN where nobody is matched."""
+def by_second(run: Run) -> Dict[int, float]:
+    """Mean NEES of the people who were matched in each second, by the second of the stamps."""
     events, nees = run.evaluation.events, run.evaluation.nees
     known = np.isfinite(nees)
-    frames, count = events.frames[known], run.truth.frame_count
-    people = np.bincount(frames, minlength=count)
-    sums = np.bincount(frames, nees[known], minlength=count)
-    means = np.divide(sums, people, out=np.full(count, np.nan), where=people > 0)
-    return dict(zip(run.truth.stamps_ns.tolist(), means.tolist()))
+    stamps_ns = run.truth.stamps_ns[events.frames[known]]
+    seconds, groups = np.unique(stamps_ns // NANOSECONDS, return_inverse=True)
+    means = np.bincount(groups, nees[known]) / np.bincount(groups)
+    return dict(zip(seconds.tolist(), means.tolist()))
 
 
 def _parser() -> argparse.ArgumentParser:
