@@ -74,3 +74,12 @@ def test_bayes_counts_what_rests_as_furniture(detect):
         reported.append(sorted(np.round(tracks.means[tracks.confirmed, 1])))
     assert reported[15] == [0.0, 2.0]
     assert reported[-1] == [2.0]
+
+
+def test_bayes_waits_longer_with_who_has_moved_before(detect):
+    """Who walked in and stands is a person for longer than what stood there from the start."""
+    tracker = build({"type": "bayes", "furniture_unmoved_after_s": 2.0, "furniture_after_s": 4.0})
+    for step in range(50):
+        tracker.process(detect(step * 0.1, (1.0, 0.0), (0.1 * min(step, 20), 2.0), sequence=step))
+    tracks = tracker.tracks()
+    assert np.round(tracks.means[tracks.confirmed, 1]).tolist() == [2.0]

@@ -33,6 +33,9 @@ class BayesConfig:
     furniture_after_s: float = parameter(
         90.0, "who rests this long is furniture and not reported until it moves, seconds; .inf: off", low=0.0
     )
+    furniture_unmoved_after_s: float = parameter(
+        30.0, "the same for what has never been seen to move, seconds; .inf: off", low=0.0
+    )
     longest_unseen_furniture_s: float = parameter(60.0, "`longest_unseen_s` of furniture, seconds", low=0.0)
 
 
@@ -59,7 +62,9 @@ class Bayes(Lifecycle):
             evidence.new, config.birth_existence, existence * ratio / (1.0 - existence + existence * ratio)
         )
         unseen_s = (evidence.stamp_ns - table.seen_ns) / 1e9
-        furniture = (evidence.stamp_ns - table.resting_since_ns) / 1e9 > config.furniture_after_s
+        never_moved = table.resting_since_ns == table.born_ns
+        patience_s = np.where(never_moved, config.furniture_unmoved_after_s, config.furniture_after_s)
+        furniture = (evidence.stamp_ns - table.resting_since_ns) / 1e9 > patience_s
         confirmed = (existence >= config.confirm_above) | (table.confirmed & (existence >= config.lose_below))
         confirmed &= ~furniture
         position_std = np.sqrt((table.covariances[:, 0, 0] + table.covariances[:, 1, 1]) / 2)
