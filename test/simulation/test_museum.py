@@ -1,4 +1,4 @@
-"""The museum is calibrated to Poschmann's table 7.1 and frozen; what the default preset gains there, and its honesty."""
+"""The museum is calibrated to table 7.1 and frozen; what the default preset gains there, and how honest it is."""
 
 import dataclasses
 import os

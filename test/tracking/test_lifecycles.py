@@ -66,7 +66,7 @@ def test_bayes_existence_equals_the_formula(detect):
 
 
 def test_bayes_counts_what_rests_as_furniture(detect):
-    tracker = build({"type": "bayes", "furniture_after_s": 2.0})
+    tracker = build({"type": "bayes", "furniture_unmoved_after_s": 2.0})
     reported = []
     for step in range(60):
         tracker.process(detect(step * 0.1, (1.0, 0.0), (0.05 * step, 2.0), sequence=step))
