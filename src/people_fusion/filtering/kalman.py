@@ -88,6 +88,20 @@ def consider_update(
     return means, covariances, cross_covariances - gain @ bias_part
 
 
+def consider_fading(before: np.ndarray, now: np.ndarray) -> np.ndarray:
+    """(b, b) F, by which a considered bias of covariance `before` is carried on to one of covariance `now`.
+
+    F is the largest part of the old bias that the new one can hold, F before F' <= now, so that P, C F' and `now`
+    remain a covariance. Along directions in which the bias has not shrunk F leaves it as it is.
+    """
+    variances, axes = np.linalg.eigh(now)
+    known = variances > 1e-12 * max(variances[-1], 1e-30)
+    std = np.sqrt(variances[known])
+    colour, whiten = axes[:, known] * std, axes[:, known].T / std[:, None]
+    ratios, directions = np.linalg.eigh(whiten @ before @ whiten.T)
+    return colour @ (directions / np.sqrt(np.maximum(ratios, 1.0))) @ directions.T @ whiten
+
+
 def _gain(cross: np.ndarray, innovation_covariances: np.ndarray) -> np.ndarray:
     return np.linalg.solve(innovation_covariances, cross.swapaxes(-1, -2)).swapaxes(-1, -2)
 

@@ -22,7 +22,13 @@ from people_fusion.core.gaussians import mahalanobis_squared
 from people_fusion.core.grids import OccupancyGrid
 from people_fusion.core.measurements import Measurement
 from people_fusion.core.tracks import Tracks
-from people_fusion.filtering.kalman import consider_innovation_covariances, consider_update, predict, update
+from people_fusion.filtering.kalman import (
+    consider_fading,
+    consider_innovation_covariances,
+    consider_update,
+    predict,
+    update,
+)
 from people_fusion.filtering.motion import MOTION_MODELS
 from people_fusion.filtering.motion_models.near_constant_velocity import NearConstantVelocityConfig
 from people_fusion.tracking.duplicates import fuse_duplicates
@@ -358,13 +364,16 @@ class KalmanTracker(Tracker):
         return observation, noise
 
     def _take_shared_covariance(self, measurement: Measurement) -> None:
-        """Scales the cross-covariances down where the shared error has become smaller, so that all stays consistent."""
-        if measurement.shared_covariance is None or self.config.shared_error != "consider":
+        """The considered error becomes the measurement's; where it is smaller, all that depends on it shrinks along."""
+        if self.config.shared_error != "consider":
             return
-        old, new = np.diag(self._state.shared_covariance), np.diag(measurement.shared_covariance)
-        shrink = np.sqrt(np.divide(new, old, out=np.ones(SHARED), where=old > new))
-        table = dataclasses.replace(self._state.table, shared_cross=self._state.table.shared_cross * shrink)
-        self._state = _State(self._state.stamp_ns, table, measurement.shared_covariance)
+        before, now = self._state.shared_covariance, measurement.shared_covariance
+        now = np.zeros((SHARED, SHARED)) if now is None else now
+        if np.array_equal(before, now):
+            return
+        table = self._state.table
+        table = dataclasses.replace(table, shared_cross=table.shared_cross @ consider_fading(before, now).T)
+        self._state = _State(self._state.stamp_ns, table, now)
 
     def _assign(
         self, measurement: Measurement, axes: np.ndarray, observation: np.ndarray, lag_noise: np.ndarray
