@@ -22,10 +22,10 @@ class BayesConfig:
 
     detection_probability: float = parameter(0.6, "that a visible person is detected", low=0.01, high=0.999)
     clutter_density: float = parameter(0.3, "false detections per square metre and measurement, near people", low=1e-9)
-    birth_existence: float = parameter(0.15, "existence of a new track", low=0.0, high=1.0)
+    birth_existence: float = parameter(0.3, "existence of a new track", low=0.0, high=1.0)
     mean_stay_s: float = parameter(60.0, "after which an unseen person has left, on average, seconds", low=0.1)
-    largest_ratio: float = parameter(3.0, "bound of what one detection may say, as errors come in runs", low=1.0)
-    confirm_above: float = parameter(0.9, "existence from which a track is a person", low=0.0, high=1.0)
+    largest_ratio: float = parameter(4.0, "bound of what one detection may say, as errors come in runs", low=1.0)
+    confirm_above: float = parameter(0.8, "existence from which a track is a person", low=0.0, high=1.0)
     lose_below: float = parameter(0.4, "existence below which a person is none any more", low=0.0, high=1.0)
     end_below: float = parameter(0.02, "existence below which a track ends", low=0.0, high=1.0)
     longest_unseen_s: float = parameter(3.0, "time without detection that ends a track, seconds", low=0.0)
