@@ -27,7 +27,6 @@ from people_fusion.tracking.tracker import TRACKERS
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 ORACLES = Path(os.environ.get("PEOPLE_FUSION_ORACLE_PYTHON", str(REPOSITORY / ".workspace/oracles/bin/python")))
-PEOPLE = (5, 10, 20)
 
 
 def ours(config, measurements):
@@ -69,16 +68,16 @@ def in_view(estimates, measurements):
     return estimates.select(inside)
 
 
-def quality(config, seeds, with_stone_soup):
+def quality(config, crowds, seeds, methods):
     """Rows of the table: people, tracker, scores, milliseconds a measurement."""
-    for people in PEOPLE:
+    for people in crowds:
         totals, milliseconds = {}, {}
         for seed in range(seeds):
             drawn = DetectionsConfig(people=people)
             measurements, truths = detections(drawn, seed)
             truth = Truth.from_frames(*zip(*truths))
             runs = {"ours": ours(config, measurements)}
-            for method in ("gnn", "jpda") if with_stone_soup else ():
+            for method in methods:
                 runs[f"stone soup {method}"] = stone_soup(method, measurements, drawn.std)
             for name, (estimates, seconds) in runs.items():
                 totals[name] = totals.get(name, Scores()) + evaluate(truth, in_view(estimates, measurements)).scores
@@ -115,17 +114,21 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--config", default=None, help="preset; default: default")
-    parser.add_argument("--no-stone-soup", action="store_true")
+    parser.add_argument("--people", type=int, nargs="+", default=[5, 10, 20])
+    parser.add_argument(
+        "--peers", nargs="*", choices=("gnn", "jpda"), default=["gnn", "jpda"],
+        help="of Stone Soup; JPDA of 20 people takes a quarter of an hour a seed",
+    )  # fmt: skip
     parser.add_argument("--scale", action="store_true")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     config = load_config(options.config).tracker
-    with_stone_soup = not options.no_stone_soup and ORACLES.exists()
-    if not with_stone_soup and not options.no_stone_soup:
+    peers = options.peers if ORACLES.exists() else []
+    if options.peers and not peers:
         print(f"{ORACLES} is not there: without Stone Soup", file=sys.stderr)
     rows, baseline = [], {}
     print("people  tracker            MOTA   IDF1   HOTA   miss  false switch   NEES       ms")
-    for people, name, scores, milliseconds in quality(config, options.seeds, with_stone_soup):
+    for people, name, scores, milliseconds in quality(config, options.people, options.seeds, peers):
         rows.append({"people": people, "tracker": name, "ms": milliseconds, **scores})
         baseline[people, name] = milliseconds
         nees = f"{scores['nees']:6.2f}" if scores["nees"] is not None else "     -"
@@ -134,7 +137,7 @@ def main():
             f" {scores['miss_rate']:6.3f} {scores['false_positive_rate']:6.3f} {scores['mismatch_rate']:6.3f}"
             f" {nees} {milliseconds:8.3f}"
         )
-    for people in PEOPLE if with_stone_soup else ():
+    for people in options.people if "gnn" in peers else ():
         ratio = baseline[people, "ours"] / baseline[people, "stone soup gnn"]
         print(f"{people} people: ours takes {ratio:.3f} of the time of Stone Soup's global nearest neighbour")
     result = {"quality": rows}
