@@ -19,8 +19,16 @@ SMOKE = {
     "turtlebot3_person_following.bag": ("/scan", "base_scan"),
     "two_hokuyo.bag": ("/front_scan", "front_scanner"),
 }
-OTHERS = ("laser_legs_mir/corridor.bag", "laser_legs/raw/positive_1.bag", "laser_legs/negative_2.bag")
 MOVING = "laser_people_moving/general_tracking_moving_1.bag"
+OTHERS = (
+    "laser_legs/demo_stationary_simple_environment.bag",
+    "laser_legs/negative_2.bag",
+    "laser_legs/positive_1_extracted.bag",
+    "laser_legs/raw/positive_1.bag",
+    "laser_legs_mir/corridor.bag",
+    "laser_legs_mir/front_extracted.bag",
+    MOVING,
+)
 
 
 @pytest.mark.parametrize("name", SMOKE)
@@ -50,6 +58,16 @@ def test_annotated_people_are_found_where_they_are_annotated(recordings: Path) -
     assert scores.ground_truth_count > 30 and scores.frames > 25
     assert scores.recall is not None and scores.recall > 0.4
     assert scores.motp_m is not None and scores.motp_m < 0.2
+
+
+def test_people_who_stand_while_the_robot_passes_are_found(recordings: Path) -> None:
+    selection = Selection(start_s=36.0, duration_s=20.0, only_annotated=True)
+    outcome = replay(recordings / MOVING, load_config(), selection)
+    assert outcome.evaluation is not None
+    scores = outcome.evaluation.scores.clear_mot
+    assert scores.ground_truth_count > 90
+    assert scores.recall is not None and scores.recall > 0.75
+    assert scores.motp_m is not None and scores.motp_m < 0.15
 
 
 @pytest.mark.parametrize("share", [0.1, 0.6, 0.99])
