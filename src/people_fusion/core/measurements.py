@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Optional, Tuple
+from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -63,6 +63,30 @@ class Sight:
 _ACROSS = np.linspace(-1.0, 1.0, 7)
 
 
+Order = Tuple[int, str, int]  # stamp, cue, sequence: total over all measurements of all cues, independent of arrival
+
+
+class Announcement(NamedTuple):
+    """Told to the tracker the moment a sensor message arrives: a measurement of it is under way.
+
+    Attributes:
+        stamp_ns: acquisition time of the sensor message.
+        cue: unique name of the cue.
+        sequence: that the measurement will have.
+        withdrawn: no measurement comes after all; the message was skipped.
+    """
+
+    stamp_ns: int
+    cue: str
+    sequence: int
+    withdrawn: bool = False
+
+    @property
+    def order(self) -> Order:
+        """Place of the announced measurement among all."""
+        return (self.stamp_ns, self.cue, self.sequence)
+
+
 @dataclass(frozen=True, eq=False)
 class Measurement:
     """All detections that one cue made in one sensor message. N may be 0: to have seen nobody is information.
@@ -77,7 +101,7 @@ class Measurement:
         confidences: (N,) in [0, 1], probability that the detection is a person as far as the cue can tell.
         observed: which axes of positions the sensor observes.
         period_s: time between this cue's measurements, seconds.
-        sequence: counts the cue's measurements; orders equal stamps.
+        sequence: number that the cue gave the sensor message when it announced it; orders equal stamps.
         shared_jacobians: (N, 3, 6) of the position with respect to the pose error that all detections share (its axes:
             x y z rotX rotY rotZ, see core.poses), or None where there is none.
         shared_covariance: (6, 6) of that slowly varying pose error, or None.
@@ -110,6 +134,6 @@ class Measurement:
         return len(self.positions)
 
     @property
-    def order(self) -> Tuple[int, str, int]:
-        """Sort key: total order over all measurements of all cues, independent of arrival."""
+    def order(self) -> Order:
+        """Sort key."""
         return (self.stamp_ns, self.cue, self.sequence)

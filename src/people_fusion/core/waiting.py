@@ -40,10 +40,17 @@ class WaitingRoom(Generic[T]):
             item is given up at once.
         patience_s: an item that has waited longer is given up, seconds.
         capacity: items that may wait per cue; beyond it the oldest is given up.
+        gave_up: told of each item that is given up, but for those of a reset.
     """
 
-    def __init__(self, ready: Callable[[T], bool], patience_s: float, capacity: int = 50) -> None:
-        self._ready = ready
+    def __init__(
+        self,
+        ready: Callable[[T], bool],
+        patience_s: float,
+        capacity: int = 50,
+        gave_up: Callable[[T], None] = lambda _item: None,
+    ) -> None:
+        self._ready, self._gave_up = ready, gave_up
         self._patience_ns = from_seconds(patience_s)
         self._capacity = capacity
         self._queues: Dict[str, List[_Guest[T]]] = {}
@@ -59,8 +66,7 @@ class WaitingRoom(Generic[T]):
         bisect.insort(queue, _Guest(item, stamp_ns, now_ns, self._turns))
         self._turns += 1
         if len(queue) > self._capacity:
-            queue.pop(0)
-            self._lost[FULL] += 1
+            self._lose(queue.pop(0), FULL)
 
     def poll(self, now_ns: int) -> List[T]:
         """The items that are ready, ordered by stamp.
@@ -81,11 +87,11 @@ class WaitingRoom(Generic[T]):
                     if self._ready(guest.item):
                         released.append((guest.stamp_ns, cue, guest.item))
                     elif impatient:
-                        self._lost[LATE] += 1
+                        self._lose(guest, LATE)
                     else:
                         waiting.append(guest)
                 except TransformUnavailable:
-                    self._lost[NEVER] += 1
+                    self._lose(guest, NEVER)
             self._queues[cue] = waiting
         released.sort(key=lambda entry: entry[:2])
         return [item for _, _, item in released]
@@ -99,6 +105,10 @@ class WaitingRoom(Generic[T]):
         if self:
             self._lost[JUMPED] += len(self)
         self._queues.clear()
+
+    def _lose(self, guest: _Guest[T], reason: str) -> None:
+        self._lost[reason] += 1
+        self._gave_up(guest.item)
 
 
 def transforms_ready(source: TransformSource, target_frame: str, source_frame: str, stamps_ns: Iterable[int]) -> bool:

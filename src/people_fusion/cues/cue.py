@@ -6,7 +6,7 @@ import abc
 from typing import Any, ClassVar, NamedTuple, Optional, Tuple
 
 from people_fusion.core.grids import OccupancyGrid
-from people_fusion.core.measurements import Measurement
+from people_fusion.core.measurements import Announcement, Measurement
 from people_fusion.core.registry import Registry
 from people_fusion.core.transforms import TransformSource
 
@@ -33,6 +33,15 @@ class Cue(abc.ABC):
 
     modality: ClassVar[str]
     name: str
+    _announced = 0
+
+    def announce(self, stamp_ns: int) -> Announcement:
+        """The announcement of a sensor message that has just arrived, to be told before any work is done on it.
+
+        Whoever feeds the cue gives its sequence to the measurement, or withdraws it if none is made.
+        """
+        self._announced += 1
+        return Announcement(stamp_ns, self.name, self._announced)
 
     def transforms_needed(self, data: Any) -> Tuple[TransformRequest, ...]:  # noqa: ARG002
         """What `measure` will look up for this message, so that whoever feeds the cue can wait for it.

@@ -10,6 +10,7 @@ from typing import Callable, Dict, Optional, Sequence, Tuple, Union
 
 from people_fusion.core.errors import RecordingError
 from people_fusion.core.grids import OccupancyGrid
+from people_fusion.core.measurements import Measurement
 from people_fusion.core.stamps import from_seconds, to_seconds
 from people_fusion.core.tracks import Tracks
 from people_fusion.evaluation.clear_mot import THRESHOLD_M
@@ -111,14 +112,17 @@ def replay(
         def before(stamp_ns: int) -> None:
             sampler.until(stamp_ns, session.fusion, session.transforms)
 
+        def measured(measurement: Measurement, arrival_ns: int) -> None:
+            if writer is not None:
+                writer.write_measurement(measurement, arrival_ns)
+            if progress is not None:
+                progress(to_seconds(arrival_ns - recording.start_ns))
+
         def after(update: Update) -> None:
             if writer is not None:
-                writer.write_measurement(update.measurement, update.arrival_ns)
                 writer.write_tracks(session.fusion.tracks(), update.arrival_ns)
-            if progress is not None:
-                progress(to_seconds(update.arrival_ns - recording.start_ns))
 
-        session = Session(dataclasses.replace(config, frames=sources.frames), sources, before, after)
+        session = Session(dataclasses.replace(config, frames=sources.frames), sources, measured, before, after)
         session.run(recording, selection.start_s, selection.duration_s)
         counters = session.counters()
         if not session.processed:

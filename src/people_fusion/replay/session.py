@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections import Counter
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence
+from typing import Any, Callable, Dict, Iterable, List, NamedTuple, Optional, Sequence, Union
 
 from people_fusion.core.errors import DataError, TransformUnavailable
 from people_fusion.core.grids import OccupancyGrid
-from people_fusion.core.measurements import Measurement
+from people_fusion.core.measurements import Announcement, Measurement
 from people_fusion.core.scans import Scan
 from people_fusion.core.transforms import TransformTree
 from people_fusion.core.waiting import WaitingRoom, transforms_ready
@@ -23,10 +24,10 @@ AFTERWARDS_NS = 10**18
 
 
 class Update(NamedTuple):
-    """One measurement that went through.
+    """One measurement that the tracker processed.
 
     Attributes:
-        measurement: in the sensor's frame.
+        measurement: in the tracking frame.
         changed: whether it changed the tracks.
         arrival_ns: on the bag's clock.
     """
@@ -41,6 +42,7 @@ class _Waiting:
     cue: Cue
     scan: Scan
     requests: Sequence[TransformRequest]
+    announcement: Announcement
 
 
 class Session:
@@ -49,6 +51,7 @@ class Session:
     Args:
         config: preset with the frames of this recording.
         sources: what to take of the recording.
+        measured: called with each measurement in its sensor's frame, and its arrival on the bag's clock.
         before: called with the stamp of a measurement before the tracker gets it.
         after: called when the tracker has it.
 
@@ -62,14 +65,18 @@ class Session:
         self,
         config: FusionConfig,
         sources: Sources,
-        before: Optional[Callable[[int], None]] = None,
-        after: Optional[Callable[[Update], None]] = None,
+        measured: Callable[[Measurement, int], None] = lambda _measurement, _arrival_ns: None,
+        before: Callable[[int], None] = lambda _stamp_ns: None,
+        after: Callable[[Update], None] = lambda _update: None,
     ) -> None:
         self.transforms = TransformTree(config.transforms.history_s)
         self.fusion = Fusion(config, self.transforms)
         self.grid: Optional[OccupancyGrid] = None
-        self._sources, self._before, self._after = sources, before, after
-        self._waiting: WaitingRoom[_Waiting] = WaitingRoom(self._is_ready, config.transforms.patience_s)
+        self._sources = sources
+        self._measured, self._before, self._after = measured, before, after
+        self._waiting: WaitingRoom[_Waiting] = WaitingRoom(
+            self._is_ready, config.transforms.patience_s, gave_up=self._withdraw
+        )
         self._cues: List[Cue] = []
         self._feeders: Dict[str, Callable[[Any], None]] = {}
         for topic in sources.transforms:
@@ -105,17 +112,18 @@ class Session:
 
     def feed(self, recorded: RecordedMessage) -> None:
         """Take one message; messages come in order of arrival."""
-        self._now_ns = recorded.arrival_ns - self._sources.clock_offset_ns
+        self._wake_until(recorded.arrival_ns - self._sources.clock_offset_ns)
         try:
             self._feeders[recorded.topic](recorded.read())
         except DataError as error:
             self._counts[error.reason] += 1
         if len(self._waiting):
-            self._serve(self._now_ns, recorded.arrival_ns)
+            self._serve(self._now_ns)
 
     def finish(self) -> None:
         """No more messages come: whoever still waits is served or given up."""
-        self._serve(self._now_ns + AFTERWARDS_NS, self._now_ns + self._sources.clock_offset_ns)
+        self._serve(self._now_ns + AFTERWARDS_NS)
+        self._wake_until(self._now_ns + AFTERWARDS_NS)
 
     def counters(self) -> Dict[str, int]:
         """Events since the start, by name."""
@@ -157,7 +165,10 @@ class Session:
         if self._sources.transforms:
             requests.update(cue.transforms_needed(scan))
         newest_first = sorted(requests, key=lambda request: (-request.stamp_ns, request))
-        self._waiting.push(cue.name, scan.stamp_ns, _Waiting(cue, scan, newest_first), self._now_ns)
+        announcement = cue.announce(scan.stamp_ns)
+        self._push(announcement)
+        waiting = _Waiting(cue, scan, newest_first, announcement)
+        self._waiting.push(cue.name, scan.stamp_ns, waiting, self._now_ns)
 
     def _is_ready(self, waiting: _Waiting) -> bool:
         return all(
@@ -165,21 +176,43 @@ class Session:
             for request in waiting.requests
         )
 
-    def _serve(self, now_ns: int, arrival_ns: int) -> None:
+    def _serve(self, now_ns: int) -> None:
         for waiting in self._waiting.poll(now_ns):
             try:
                 measurement = waiting.cue.measure(waiting.scan, self.transforms if self._sources.transforms else None)
-                if self._before is not None:
-                    self._before(measurement.stamp_ns)
-                changed = self.fusion.push(measurement, self._now_ns)
+                measurement = dataclasses.replace(measurement, sequence=waiting.announcement.sequence)
+                self._push(measurement)
             except DataError as error:
                 self._counts[error.reason] += 1
+                self._withdraw(waiting)
             except TransformUnavailable:
                 self._counts["transform unavailable"] += 1
+                self._withdraw(waiting)
             else:
                 self._counts["scans processed"] += 1
-                if self._after is not None:
-                    self._after(Update(measurement, changed, arrival_ns))
+                self._measured(measurement, self._now_ns + self._sources.clock_offset_ns)
+
+    def _withdraw(self, waiting: _Waiting) -> None:
+        self._push(waiting.announcement._replace(withdrawn=True))
+
+    def _wake_until(self, now_ns: int) -> None:
+        """Let time pass: what waits in the buffer goes when it is due."""
+        while True:
+            sleep_ns = self.fusion.buffer.sleep_ns(self._now_ns)
+            if sleep_ns is None or self._now_ns + sleep_ns > now_ns:
+                break
+            self._now_ns += sleep_ns
+            self._process(self.fusion.poll(self._now_ns))
+        self._now_ns = max(self._now_ns, now_ns)
+
+    def _push(self, item: Union[Announcement, Measurement]) -> None:
+        self._process(self.fusion.push(item, self._now_ns))
+
+    def _process(self, measurements: Iterable[Measurement]) -> None:
+        for measurement in measurements:
+            self._before(measurement.stamp_ns)
+            changed = self.fusion.process(measurement)
+            self._after(Update(measurement, changed, self._now_ns + self._sources.clock_offset_ns))
 
 
 def _is_static(topic: Topic) -> bool:

@@ -66,12 +66,13 @@ class PeopleTracker(Part):
         now_ns = self._node.now_ns()
         for measurement in self._waiting.poll(now_ns):
             try:
-                changed = self._fusion.push(measurement, now_ns)
+                released = self._fusion.push(measurement, now_ns)
             except TransformUnavailable as error:
                 self._node.diagnostics.bad("transform went missing", str(error))
                 continue
-            if changed:
-                self._publish()
+            for entry in released:
+                if self._fusion.process(entry):
+                    self._publish()
 
     def reset(self) -> None:
         """Time has jumped."""

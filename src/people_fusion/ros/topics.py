@@ -10,11 +10,13 @@ TF = "/tf"
 TF_STATIC = "/tf_static"
 
 # From cues to the tracker.
+ANNOUNCEMENTS = "people_fusion/announcements"  # people_fusion/MeasurementAnnouncement of every cue
 DETECTIONS = "people_fusion/detections"  # people_fusion/DetectedPersons of every cue
 DETECTION_MARKERS = "people_fusion/detection_markers"  # visualization_msgs/MarkerArray
 
 # From the tracker.
 TRACKS = "people_fusion/tracks"  # people_fusion/TrackedPersons
+PREVIEW = "people_fusion/tracks_preview"  # people_fusion/TrackedPersons, to be revised; policy `revisable` alone
 POSES = "people_fusion/poses"  # geometry_msgs/PoseArray
 MARKERS = "people_fusion/markers"  # visualization_msgs/MarkerArray
 PEOPLE = "people_fusion/people"  # people_msgs/People, where that package is installed

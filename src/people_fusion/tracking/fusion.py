@@ -9,14 +9,14 @@ import dataclasses
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, Mapping, Optional, Union
+from typing import Any, Dict, List, Mapping, Optional, Union
 
 import numpy as np
 
 from people_fusion.core.config import component, load_yaml, merge, parameter, parse, section
 from people_fusion.core.errors import ConfigError, TransformUnavailable
 from people_fusion.core.grids import OccupancyGrid
-from people_fusion.core.measurements import Measurement
+from people_fusion.core.measurements import Announcement, Measurement
 from people_fusion.core.resources import directory
 from people_fusion.core.tracks import Tracks
 from people_fusion.core.transforms import (
@@ -30,7 +30,8 @@ from people_fusion.cues.cue import CUES
 from people_fusion.cues.legs.legs import LegCueConfig
 from people_fusion.tracking.buffer import BUFFERS
 from people_fusion.tracking.buffers.reprocess import ReprocessConfig
-from people_fusion.tracking.tracker import TRACKERS
+from people_fusion.tracking.rewind import Rewind
+from people_fusion.tracking.tracker import TRACKERS, Tracker
 from people_fusion.tracking.trackers.kalman import KalmanConfig
 
 TREATMENTS = ("output", "white", "consider", "none")
@@ -81,8 +82,8 @@ class Fusion:
     def __init__(self, config: FusionConfig, source: TransformSource) -> None:
         self.config = _with_shared_error(config)
         self.transforms = UncertainTransforms(source, config.frames, config.transforms)
-        self.tracker = TRACKERS.build(self.config.tracker)
-        self.buffer = BUFFERS.build(self.config.buffer, tracker=self.tracker)
+        self.buffer = BUFFERS.build(self.config.buffer)
+        self._past = Rewind(TRACKERS.build(self.config.tracker), self.buffer.config)
         self._counts: Counter = Counter()
         self._world_from_tracking: Optional[UncertainTransform] = None
 
@@ -92,18 +93,47 @@ class Fusion:
         frames = self.config.frames
         return frames.odom if self.config.localisation == "output" and frames.odom else frames.world
 
-    def push(self, measurement: Measurement, now_ns: int) -> bool:
-        """Take a cue's measurement, in its sensor's frame; True if the tracks changed.
+    @property
+    def tracker(self) -> Tracker:
+        """The tracker, with everything that was processed."""
+        return self._past.tracker
+
+    def push(self, item: Union[Announcement, Measurement], now_ns: int) -> List[Measurement]:
+        """Take what a cue announces or delivers; each measurement that is handed out goes to `process`.
 
         Args:
-            measurement: as Cue.measure gives it.
+            item: an announcement, or a measurement in its sensor's frame as Cue.measure gives it.
             now_ns: arrival, on the clock of the stamps.
+
+        Returns:
+            Measurements in the tracking frame that may be processed now, in order but for those that came too late.
 
         Raises:
             TransformUnavailable: the measurement is not taken.
         """
-        transform = self.transforms.lookup(self.tracking_frame, measurement.frame_id, measurement.stamp_ns)
-        return self.buffer.push(place(measurement, transform, self.tracking_frame, self.config.localisation), now_ns)
+        if isinstance(item, Measurement):
+            transform = self.transforms.lookup(self.tracking_frame, item.frame_id, item.stamp_ns)
+            item = place(item, transform, self.tracking_frame, self.config.localisation)
+        return self.buffer.push(item, now_ns)
+
+    def poll(self, now_ns: int) -> List[Measurement]:
+        """What may be processed now that time has passed; due when BufferPolicy.sleep_ns says so."""
+        return self.buffer.poll(now_ns)
+
+    def process(self, measurement: Measurement) -> bool:
+        """Process what `push` or `poll` handed out; True if the tracks changed."""
+        return self._past.process(measurement)
+
+    def preview(self, stamp_ns: Optional[int] = None) -> Tracks:
+        """Tracks as `tracks` gives them, with what still waits in the buffer processed; to be revised."""
+        tracker = self.tracker
+        settled = tracker.snapshot()
+        for measurement in self.buffer.held:
+            tracker.process(measurement)
+        try:
+            return self.tracks(stamp_ns)
+        finally:
+            tracker.restore(settled)
 
     def tracks(self, stamp_ns: Optional[int] = None) -> Tracks:
         """All tracks in the world frame, at the tracker's stamp or predicted to a later one."""
@@ -128,13 +158,13 @@ class Fusion:
     def reset(self) -> None:
         """Time has jumped: forget all tracks and everything buffered; identities are not given again."""
         self.buffer.reset()
-        self.tracker.reset()
+        self._past.reset()
         self.transforms.reset()
         self._world_from_tracking = None
 
     def counters(self) -> Dict[str, int]:
         """Events since the start, by name."""
-        return {**self._counts, **self.buffer.counters(), **self.tracker.counters()}
+        return {**self._counts, **self.buffer.counters(), **self._past.counters()}
 
 
 def place(measurement: Measurement, transform: UncertainTransform, frame_id: str, localisation: str) -> Measurement:
