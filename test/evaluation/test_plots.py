@@ -1,3 +1,4 @@
+import dataclasses
 import os
 import subprocess
 import sys
@@ -82,6 +83,33 @@ def test_path_is_not_drawn_across_frames_in_which_the_person_was_away():
     frames = [({1: (0.0, 0.0)}, {}), ({}, {}), ({1: (5.0, 0.0)}, {}), ({1: (6.0, 0.0)}, {})]
     path = all_plots(*scene(frames))[0].axes[0].lines[0].get_xydata()
     np.testing.assert_array_equal(path, [[0, 0], [np.nan, np.nan], [5, 0], [6, 0]])
+
+
+def spaced(seconds, frames):
+    """A scene whose frames are at these seconds."""
+    truth, estimates = scene(frames)
+    return dataclasses.replace(truth, stamps_ns=(np.asarray(seconds) * 1e9).astype(np.int64)), estimates
+
+
+def test_nothing_is_drawn_across_seconds_without_annotations():
+    frames = [({1: (k, 0.0)}, {11: (k, 0.0)}) for k in range(6)]
+    truth, estimates = spaced([0.0, 0.1, 0.2, 9.0, 9.1, 9.2], frames)
+    covariances, existence = np.tile(np.eye(2), (6, 1, 1)), np.ones(6)
+    estimates = Estimates(estimates.frames, estimates.ids, estimates.means, covariances, existence)
+    tracks, identities, errors, existences, counts, nees = all_plots(truth, estimates)
+    bars = [(bar.get_x(), bar.get_x() + bar.get_width()) for bar in identities.axes[0].patches]
+    np.testing.assert_allclose(bars, [(0.0, 0.3), (9.0, 9.3)])
+    for figure in (tracks, errors, existences, counts, nees):
+        line = max(figure.axes[0].lines, key=lambda line: len(line.get_xdata()))
+        assert np.isnan(line.get_xydata()[:, 1].astype(float)).sum() >= 1
+    people = counts.axes[0].lines[0].get_xydata()
+    np.testing.assert_allclose(people[3:5], [[0.3, 1.0], [np.nan, np.nan]])
+
+
+def test_frames_that_are_somewhat_irregular_are_one_stretch():
+    truth, estimates = spaced([0.0, 0.1, 0.35, 0.4, 0.5], [(HERE, {11: (0, 0)})] * 5)
+    (bar,) = all_plots(truth, estimates)[1].axes[0].patches
+    assert bar.get_width() == pytest.approx(0.6)
 
 
 def test_map_lies_where_its_origin_says():

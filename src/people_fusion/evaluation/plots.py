@@ -35,6 +35,7 @@ _TRACKS = (
     *("#008080", "#5f9ea0", "#a0522d", "#6b8e23", "#4169e1", "#c71585", "#2f4f4f", "#9acd32"),
 )  # fmt: skip
 _LEAST_NEES = 0.01  # what is less is drawn there
+_LONG_GAP = 3.0  # median periods; nothing is drawn across what is longer
 # Unknown, free, occupied.
 _MAP_COLOURS = ListedColormap(["#eef0f2", "#ffffff", "#4d4d4d"])
 
@@ -52,17 +53,13 @@ def plot_tracks(
     """Where people walked, where the tracker saw them, and where it erred, over the map if there is one."""
     seen = np.concatenate([truth.points, estimates.points, np.zeros((0 if len(truth.ids) else 1, 2))])
     low, high = seen.min(axis=0) - 1.0, seen.max(axis=0) + 1.0
-    figure, axes = _figure(10.0, 1.0 + 9.0 * float(np.clip((high - low)[1] / (high - low)[0], 0.3, 0.75)))
-    if grid is not None:
-        _draw_map(axes, grid)
+    figure, axes = _ground(low, high, grid)
+    places = _places(truth)
     for person in np.unique(truth.ids):
         rows = truth.ids == person
-        axes.plot(*_broken(truth.frames[rows], *truth.points[rows].T), color=_TRUTH, linewidth=0.8, zorder=2)
-    colours = _colours(estimates)
-    for track, colour in colours.items():
-        rows = estimates.ids == track
-        path = _broken(estimates.frames[rows], *estimates.points[rows].T)
-        axes.plot(*path, color=colour, linewidth=1.4, marker=".", markersize=2.5, zorder=3)
+        path = _broken(places[truth.frames[rows]], *truth.points[rows].T)
+        axes.plot(*path, color=_TRUTH, linewidth=0.8, zorder=2)
+    _draw_paths(axes, places, estimates)
     events = evaluation.events
     for kind, style in _EVENT_STYLES.items():
         chosen = events.kinds == kind
@@ -72,16 +69,41 @@ def plot_tracks(
             else truth.points[events.truth_rows[chosen]]
         )
         axes.plot(*points.T, linestyle="none", **style)
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
-    axes.set_aspect("equal")
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
-    lines = [
-        Line2D([], [], color=_TRUTH, linewidth=0.8, label="truth"),
-        Line2D([], [], color=_TRACKS[0], linewidth=1.4, label="track, one colour each"),
-    ]
-    _legend(axes, [*lines, *_event_handles(evaluation)])
+    _legend(
+        axes, [Line2D([], [], color=_TRUTH, linewidth=0.8, label="truth"), _TRACK_HANDLE, *_event_handles(evaluation)]
+    )
+    return figure
+
+
+def plot_paths(
+    frames: Truth, estimates: Estimates, hits: np.ndarray, grid: Optional[OccupancyGrid] = None
+) -> Figure:
+    """Where the tracker saw people where nobody is annotated, over the map and what the scanners hit.
+
+    Args:
+        frames: without people; its stamps are those of the estimates.
+        estimates: the tracker's output.
+        hits: (N, 2) metres, in the tracks' frame.
+        grid: map in that frame, or None.
+    """
+    seen = np.concatenate([estimates.points, hits, np.zeros((0 if len(hits) else 1, 2))])
+    figure, axes = _ground(seen.min(axis=0) - 1.0, seen.max(axis=0) + 1.0, grid)
+    axes.plot(*hits.T, linestyle="none", marker=",", color=_TRUTH, zorder=1)
+    _draw_paths(axes, _places(frames), estimates)
+    scan = Line2D([], [], linestyle="none", marker=".", color=_TRUTH, label="hits of the scanners")
+    _legend(axes, [scan, _TRACK_HANDLE])
+    return figure
+
+
+def plot_reported(frames: Truth, estimates: Estimates) -> Figure:
+    """Number of people that the tracker reports over time; `frames` as in `plot_paths`."""
+    figure, axes = _figure(11.0, 2.4)
+    numbers = np.diff(estimates.bounds(frames.frame_count))
+    axes.plot(*_steps(frames, numbers), color="#1f77b4", linewidth=1.2, drawstyle="steps-post")
+    axes.set_ylim(0.0, 1.5 + float(numbers.max(initial=0)))
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_ylabel("reported people")
+    _time_axis(axes, _seconds(frames))
     return figure
 
 
@@ -90,12 +112,12 @@ def plot_identities(truth: Truth, estimates: Estimates, evaluation: Evaluation) 
     people = np.unique(truth.ids)
     figure, axes = _figure(11.0, 1.6 + 0.34 * max(3, len(people)))
     seconds, colours, events = _seconds(truth), _colours(estimates), evaluation.events
-    ends = _frame_ends(seconds)
+    places, ends = _places(truth), _frame_ends(seconds)
     for line, person in enumerate(people):
         chosen = np.flatnonzero((events.truth_rows >= 0) & (truth.ids[events.truth_rows] == person))
         frames, matched = events.frames[chosen], events.matched[chosen]
         tracks = np.where(matched, _ids_of(estimates, events.estimate_rows[chosen]), -1)
-        for first, last in _runs(frames, tracks, matched):
+        for first, last in _runs(places[frames], tracks, matched):
             start, end = seconds[frames[first]], ends[frames[last]]
             if not matched[first]:
                 axes.barh(line, end - start, 0.24, start, color=_MISS, alpha=0.75, linewidth=0)
@@ -126,7 +148,7 @@ def plot_errors(truth: Truth, estimates: Estimates, evaluation: Evaluation) -> F
     tracks = _ids_of(estimates, events.estimate_rows[matched])
     axes.scatter(seconds[frames], 100.0 * distances, s=9, c=[colours[t] for t in tracks], linewidths=0, alpha=0.8)
     averages = _frame_averages(distances, frames, truth.frame_count)
-    axes.plot(seconds, 100.0 * averages, color="black", linewidth=1.1)
+    axes.plot(*_broken(_places(truth), seconds, 100.0 * averages), color="black", linewidth=1.1)
     limit = 100.0 * evaluation.threshold_m
     axes.axhline(limit, color="black", linewidth=0.8, linestyle="--")
     for kind, height in ((Event.MISS, 1.05), (Event.MISMATCH, 1.13)):
@@ -147,11 +169,11 @@ def plot_errors(truth: Truth, estimates: Estimates, evaluation: Evaluation) -> F
 def plot_existence(truth: Truth, estimates: Estimates, evaluation: Evaluation) -> Figure:
     """Existence of each reported track over time, false positives marked."""
     figure, axes = _figure(11.0, 2.8)
-    seconds, events = _seconds(truth), evaluation.events
+    seconds, places, events = _seconds(truth), _places(truth), evaluation.events
     existence = np.full(len(estimates.ids), np.nan) if estimates.existence is None else estimates.existence
     for track, colour in _colours(estimates).items():
         rows = estimates.ids == track
-        path = _broken(estimates.frames[rows], seconds[estimates.frames[rows]], existence[rows])
+        path = _broken(places[estimates.frames[rows]], seconds[estimates.frames[rows]], existence[rows])
         axes.plot(*path, color=colour, linewidth=1.2, marker=".", markersize=2.5)
     false = events.estimate_rows[events.kinds == Event.FALSE_POSITIVE]
     axes.plot(
@@ -160,8 +182,7 @@ def plot_existence(truth: Truth, estimates: Estimates, evaluation: Evaluation) -
     axes.set_ylim(-0.03, 1.06)
     axes.set_ylabel("existence")
     _time_axis(axes, seconds)
-    line = Line2D([], [], color=_TRACKS[0], linewidth=1.2, label="track, one colour each")
-    _legend(axes, [line, _event_handles(evaluation)[2]])
+    _legend(axes, [_TRACK_HANDLE, _event_handles(evaluation)[2]])
     return figure
 
 
@@ -172,9 +193,9 @@ def plot_counts(truth: Truth, evaluation: Evaluation) -> Figure:
     people = np.diff(truth.bounds())
     misses = events.per_frame(Event.MISS, truth.frame_count)
     false = events.per_frame(Event.FALSE_POSITIVE, truth.frame_count)
-    axes.plot(seconds, people, color=_TRUTH, linewidth=1.0, drawstyle="steps-mid")
-    axes.fill_between(seconds, misses, step="mid", color=_MISS, alpha=0.8, linewidth=0)
-    axes.fill_between(seconds, -false, step="mid", color=_FALSE, alpha=0.8, linewidth=0)
+    axes.plot(*_steps(truth, people), color=_TRUTH, linewidth=1.0, drawstyle="steps-post")
+    axes.fill_between(*_steps(truth, misses), step="post", color=_MISS, alpha=0.8, linewidth=0)
+    axes.fill_between(*_steps(truth, -false), step="post", color=_FALSE, alpha=0.8, linewidth=0)
     switched = seconds[events.frames[events.kinds == Event.MISMATCH]]
     axes.plot(switched, np.zeros(len(switched)), linestyle="none", **_EVENT_STYLES[Event.MISMATCH])
     axes.axhline(0.0, color="black", linewidth=0.8)
@@ -198,7 +219,8 @@ def plot_nees(truth: Truth, evaluation: Evaluation) -> Figure:
     known = np.isfinite(evaluation.nees)
     nees, frames = evaluation.nees[known], events.frames[known]
     axes.scatter(seconds[frames], np.maximum(nees, _LEAST_NEES), s=8, color=_TRUTH, linewidths=0, alpha=0.7)
-    axes.plot(seconds, _frame_averages(nees, frames, truth.frame_count), color="#1f77b4", linewidth=1.2)
+    averages = _frame_averages(nees, frames, truth.frame_count)
+    axes.plot(*_broken(_places(truth), seconds, averages), color="#1f77b4", linewidth=1.2)
     average = evaluation.scores.position_consistency.average
     handles = [
         Line2D([], [], linestyle="none", marker=".", color=_TRUTH, label="matched person"),
@@ -248,6 +270,7 @@ _EVENT_STYLES: Dict[Event, Dict[str, Any]] = {
     },
     Event.FALSE_POSITIVE: {"marker": "+", "color": _FALSE, "markersize": 7, "markeredgewidth": 1.4, "zorder": 5},
 }
+_TRACK_HANDLE = Line2D([], [], color=_TRACKS[0], linewidth=1.4, label="track, one colour each")
 _EVENT_NAMES = {Event.MISS: "miss", Event.MISMATCH: "mismatch", Event.FALSE_POSITIVE: "false positive"}
 
 
@@ -259,6 +282,28 @@ def _figure(width: float, height: float) -> Tuple[Figure, Any]:
     axes.spines["top"].set_visible(False)
     axes.spines["right"].set_visible(False)
     return figure, axes
+
+
+def _ground(low: np.ndarray, high: np.ndarray, grid: Optional[OccupancyGrid]) -> Tuple[Figure, Any]:
+    """Figure of the ground plane between two corners, with the map if there is one."""
+    width, height = high - low
+    figure, axes = _figure(10.0, 1.0 + 9.0 * float(np.clip(height / width, 0.3, 0.75)))
+    if grid is not None:
+        _draw_map(axes, grid)
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    axes.set_aspect("equal")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    return figure, axes
+
+
+def _draw_paths(axes: Any, places: np.ndarray, estimates: Estimates) -> None:
+    """Each track's way in its colour."""
+    for track, colour in _colours(estimates).items():
+        rows = estimates.ids == track
+        path = _broken(places[estimates.frames[rows]], *estimates.points[rows].T)
+        axes.plot(*path, color=colour, linewidth=1.4, marker=".", markersize=2.5, zorder=3)
 
 
 def _legend(axes: Any, handles: Any) -> None:
@@ -323,10 +368,33 @@ def _seconds(truth: Truth) -> np.ndarray:
     return (truth.stamps_ns - truth.stamps_ns[:1]) / NANOSECONDS
 
 
+def _period(seconds: np.ndarray) -> float:
+    """Median time between frames."""
+    return float(np.median(np.diff(seconds))) if len(seconds) > 1 else 1.0
+
+
 def _frame_ends(seconds: np.ndarray) -> np.ndarray:
-    """(F,) when the next frame begins; the last lasts as long as most do."""
-    usual = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 1.0
-    return np.append(seconds[1:], seconds[-1:] + usual)
+    """(F,) when the next frame begins; the last, and one before a long gap, lasts as long as most do."""
+    usual = _period(seconds)
+    ends = np.append(seconds[1:], seconds[-1:] + usual)
+    return np.where(ends - seconds > _LONG_GAP * usual, seconds + usual, ends)
+
+
+def _places(truth: Truth) -> np.ndarray:
+    """(F,) numbers of the frames; where the next frame comes after a long gap, a number is left out."""
+    seconds = _seconds(truth)
+    gaps = np.diff(seconds) > _LONG_GAP * _period(seconds)
+    return np.arange(len(seconds)) + np.concatenate([np.zeros(min(1, len(seconds)), dtype=int), np.cumsum(gaps)])
+
+
+def _steps(truth: Truth, values: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """Times and values of a line in steps, each as long as its frame; NaN in long gaps."""
+    seconds, places = _seconds(truth), _places(truth)
+    ends = np.append(np.flatnonzero(np.diff(places) > 1), np.arange(len(seconds))[-1:]).astype(int)
+    stops = np.column_stack([_frame_ends(seconds)[ends], np.full(len(ends), np.nan)])
+    levels = np.column_stack([values[ends], np.full(len(ends), np.nan)])
+    at = np.repeat(ends + 1, 2)
+    return np.insert(seconds, at, stops.ravel()), np.insert(values.astype(float), at, levels.ravel())
 
 
 def _colours(estimates: Estimates) -> Dict[int, str]:
@@ -341,18 +409,18 @@ def _ids_of(estimates: Estimates, rows: np.ndarray) -> np.ndarray:
     return np.append(estimates.ids, -1)[rows]
 
 
-def _broken(frames: np.ndarray, *columns: np.ndarray) -> Tuple[np.ndarray, ...]:
-    """Columns with a NaN wherever a frame was left out, so that no line is drawn across the gap."""
-    gaps = np.flatnonzero(np.diff(frames) > 1) + 1
+def _broken(places: np.ndarray, *columns: np.ndarray) -> Tuple[np.ndarray, ...]:
+    """Columns with a NaN wherever a frame was left out or a long gap is, so that no line is drawn across it."""
+    gaps = np.flatnonzero(np.diff(places) > 1) + 1
     return tuple(np.insert(column.astype(float), gaps, np.nan) for column in columns)
 
 
-def _runs(frames: np.ndarray, tracks: np.ndarray, matched: np.ndarray) -> Tuple[Tuple[int, int], ...]:
-    """First and last place of each stretch of consecutive frames with one track, or without any."""
-    if not len(frames):
+def _runs(places: np.ndarray, tracks: np.ndarray, matched: np.ndarray) -> Tuple[Tuple[int, int], ...]:
+    """First and last row of each stretch of consecutive frames with one track, or without any."""
+    if not len(places):
         return ()
-    cuts = np.flatnonzero((np.diff(frames) > 1) | (np.diff(tracks) != 0) | (np.diff(matched.astype(int)) != 0))
-    return tuple(zip(np.append(0, cuts + 1).tolist(), np.append(cuts, len(frames) - 1).tolist()))
+    cuts = np.flatnonzero((np.diff(places) > 1) | (np.diff(tracks) != 0) | (np.diff(matched.astype(int)) != 0))
+    return tuple(zip(np.append(0, cuts + 1).tolist(), np.append(cuts, len(places) - 1).tolist()))
 
 
 def _frame_averages(values: np.ndarray, frames: np.ndarray, frame_count: int) -> np.ndarray:
