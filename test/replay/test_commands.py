@@ -86,6 +86,15 @@ def test_report_is_written(bag: Path, tmp_path: Path) -> None:
     assert "MOTA" in (tmp_path / "report" / "report.html").read_text()
 
 
+def test_report_without_annotations_shows_the_tracks(tmp_path: Path) -> None:
+    bag = walk(tmp_path / "a.bag", 3.0, truth=False)
+    result = replayed(bag, tmp_path, "--report", str(tmp_path / "report"))
+    html = (tmp_path / "report" / "report.html").read_text()
+    assert "Nothing is annotated" in html and "MOTA" not in html
+    assert html.count("<img") == 2 and "longest identity" in html
+    assert f">{result['scans_processed']}</td>" in html
+
+
 def test_settings_reach_the_preset() -> None:
     assert replay_bag.overrides(["buffer/type=drop", "transforms/patience_s=0.1", "frames/odom=''"]) == {
         "buffer": {"type": "drop"},
@@ -106,8 +115,11 @@ def test_settings_reach_the_preset() -> None:
         (["--config", "nonsense"], "nonsense"),
         (["--set", "tracker/nonsense=1"], "tracker/nonsense: unknown parameter"),
         (["--set", "transforms/patience_s=-1"], "transforms/patience_s"),
-        (["--start", "-1"], "--start"),
-        (["--start", "100"], "no scan could be used"),
+        (["--start", "-1"], "nothing starts at -1 s; the recording goes from 0 to 5.0 s"),
+        (["--start", "nan"], "nothing starts at nan s; the recording goes from 0 to 5.0 s"),
+        (["--start", "100"], "nothing starts at 100 s; the recording goes from 0 to 5.0 s"),
+        (["--duration", "0"], "nothing lasts 0 s; the recording goes from 0 to 5.0 s"),
+        (["--duration", "-3"], "nothing lasts -3 s; the recording goes from 0 to 5.0 s"),
         (["--out", "/nowhere/out.bag"], "/nowhere/out.bag"),
         (["--json", "/nowhere/out.json"], "/nowhere/out.json"),
     ],

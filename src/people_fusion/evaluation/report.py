@@ -7,6 +7,7 @@ from html import escape
 from pathlib import Path
 from typing import Any, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from people_fusion.core.grids import OccupancyGrid
@@ -17,10 +18,20 @@ from people_fusion.evaluation.plots import (
     plot_existence,
     plot_identities,
     plot_nees,
+    plot_paths,
+    plot_reported,
     plot_tracks,
     png,
 )
-from people_fusion.evaluation.tables import Table, count_table, millimetres, number, percent, score_table
+from people_fusion.evaluation.tables import (
+    Table,
+    count_table,
+    identity_table,
+    millimetres,
+    number,
+    percent,
+    score_table,
+)
 from people_fusion.evaluation.truth import Estimates, Truth
 
 _STYLE = """
@@ -101,6 +112,33 @@ def run_report(
     return report(title, {title: evaluation.scores}, figures, settings, counters, notes)
 
 
+def unscored_report(
+    title: str,
+    frames: Truth,
+    estimates: Estimates,
+    hits: np.ndarray,
+    grid: Optional[OccupancyGrid] = None,
+    settings: Optional[Mapping[str, Any]] = None,
+    counters: Optional[Mapping[str, Any]] = None,
+    notes: Sequence[str] = (),
+) -> str:
+    """HTML about a run in which nobody is annotated: what the tracker reported, not how well.
+
+    Args:
+        title: of the page.
+        frames: without people; its stamps are those of the estimates.
+        estimates: reported people.
+        hits: (N, 2) what the scanners hit now and then, metres, in the tracks' frame.
+        grid, settings, counters, notes: as in `run_report`.
+    """
+    figures = [
+        ("Tracks", "Where the tracker saw people.", plot_paths(frames, estimates, hits, grid)),
+        ("Reported people", "Nobody is annotated: how many, not how well.", plot_reported(frames, estimates)),
+    ]
+    tables = [("Counts", identity_table(frames, estimates))]
+    return _page(title, ["Nothing is annotated, nothing is scored.", *notes], [], figures, tables, settings, counters)
+
+
 def report(
     title: str,
     scores: Mapping[str, Scores],
@@ -117,21 +155,32 @@ def report(
         figures: heading, caption and picture of each.
         settings, counters, notes: as in `run_report`.
     """
+    if len(scores) == 1:
+        (alone,) = scores.values()
+        return _page(title, notes, [_tiles(alone)], figures, [("Counts", count_table(alone))], settings, counters)
+    summary = ["<h2>Scores</h2>", _table(score_table(scores))]
+    return _page(title, notes, summary, figures, [], settings, counters)
+
+
+def _page(
+    title: str,
+    notes: Sequence[str],
+    summary: Sequence[str],
+    figures: Sequence[Tuple[str, str, Figure]],
+    tables: Sequence[Tuple[str, Table]],
+    settings: Optional[Mapping[str, Any]],
+    counters: Optional[Mapping[str, Any]],
+) -> str:
     parts = [f"<h1>{escape(title)}</h1>"]
     parts.extend(f'<p class="note">{escape(note)}</p>' for note in notes)
-    if len(scores) == 1:
-        parts.append(_tiles(next(iter(scores.values()))))
-    else:
-        parts.extend(["<h2>Scores</h2>", _table(score_table(scores))])
+    parts.extend(summary)
     for heading, caption, figure in figures:
         picture = base64.b64encode(png(figure)).decode("ascii")
         parts.append(
             f"<h2>{escape(heading)}</h2><figure><figcaption>{escape(caption)}</figcaption>"
             f'<img alt="{escape(heading)}" src="data:image/png;base64,{picture}"></figure>'
         )
-    columns = []
-    if len(scores) == 1:
-        columns.append("<h2>Counts</h2>" + _table(count_table(next(iter(scores.values())))))
+    columns = [f"<h2>{escape(heading)}</h2>" + _table(table) for heading, table in tables]
     if counters:
         rows = tuple((str(name), str(value)) for name, value in counters.items())
         columns.append("<h2>Diagnostics</h2>" + _table(Table(("event", "number"), rows)))

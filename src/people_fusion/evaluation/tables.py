@@ -5,7 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import List, Mapping, Optional, Tuple
 
+import numpy as np
+
+from people_fusion.core.stamps import to_seconds
+from people_fusion.evaluation.clear_mot import ratio
 from people_fusion.evaluation.evaluate import Scores
+from people_fusion.evaluation.truth import Estimates, Truth
 
 UNDEFINED = "–"
 
@@ -67,6 +72,19 @@ def count_table(scores: Scores) -> Table:
         ("  of these within 95 % band", percent(positions.inside_share)),
         ("NEES with velocity (4 is honest)", number(states.average)),
         ("  of these within 95 % band", percent(states.inside_share)),
+    )
+    return Table(("count", "value"), rows)
+
+
+def identity_table(frames: Truth, estimates: Estimates) -> Table:
+    """What a tracker reported in some frames, where nobody is annotated."""
+    stamps_ns = frames.stamps_ns[estimates.frames]
+    lives_s = [to_seconds(int(np.ptp(stamps_ns[estimates.ids == track]))) for track in np.unique(estimates.ids)]
+    rows = (
+        ("frames", str(frames.frame_count)),
+        ("reported people, mean of a frame", number(ratio(len(estimates.ids), frames.frame_count))),
+        ("identities", str(len(lives_s))),
+        ("longest identity", f"{max(lives_s, default=0.0):.1f} s"),
     )
     return Table(("count", "value"), rows)
 

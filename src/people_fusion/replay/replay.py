@@ -11,7 +11,7 @@ from typing import Callable, Dict, Optional, Sequence, Tuple, Union
 from people_fusion.core.errors import RecordingError
 from people_fusion.core.grids import OccupancyGrid
 from people_fusion.core.measurements import Measurement
-from people_fusion.core.stamps import from_seconds, to_seconds
+from people_fusion.core.stamps import to_seconds
 from people_fusion.core.tracks import Tracks
 from people_fusion.evaluation.clear_mot import THRESHOLD_M
 from people_fusion.evaluation.evaluate import Evaluation, evaluate
@@ -54,7 +54,7 @@ class Outcome:
 
     Attributes:
         sources: what was taken of the recording.
-        recorded_s: duration of the part that was replayed.
+        recorded_s: from the first scan's stamp to the last one's.
         scans, processed: scans that arrived and that went through.
         counters: events by name.
         truth, estimates: annotated and reported people, or None without ground truth.
@@ -80,6 +80,7 @@ def replay(
     out: Optional[Path] = None,
     found: Optional[Callable[[Sources], None]] = None,
     progress: Optional[Callable[[float], None]] = None,
+    watch: Optional[Callable[[Session, Update], None]] = None,
 ) -> Outcome:
     """Run a preset over a recording.
 
@@ -90,12 +91,15 @@ def replay(
         out: bag for detections and tracks.
         found: called once with what is taken.
         progress: called after each scan with its arrival in seconds after the recording's start.
+        watch: called after each measurement that the tracker has processed.
 
     Raises:
-        RecordingError: the recording is damaged, lacks what was asked for, or no scan of it could be used.
+        RecordingError: the recording is damaged, lacks what was asked for, or no scan of it could be used; or the
+            selection lies outside it.
     """
     with ExitStack() as stack:
         recording = stack.enter_context(Recording(path))
+        _check_window(recording, selection)
         sources = discover(
             recording, config.frames, selection.scans, selection.world_frame, selection.ground_truth
         )
@@ -121,6 +125,8 @@ def replay(
         def after(update: Update) -> None:
             if writer is not None:
                 writer.write_tracks(session.fusion.tracks(), update.arrival_ns)
+            if watch is not None:
+                watch(session, update)
 
         session = Session(dataclasses.replace(config, frames=sources.frames), sources, measured, before, after)
         session.run(recording, selection.start_s, selection.duration_s)
@@ -128,9 +134,6 @@ def replay(
         if not session.processed:
             reasons = ", ".join(f"{name}: {count}" for name, count in counters.items() if count) or "there are none"
             raise RecordingError(f"{path}: no scan could be used ({reasons})")
-        span_ns = recording.end_ns - recording.start_ns - from_seconds(selection.start_s)
-        if selection.duration_s is not None:
-            span_ns = min(span_ns, from_seconds(selection.duration_s))
     if sampler.skipped:
         counters["annotated instants without transform"] = sampler.skipped
         if not sampler.samples:
@@ -141,7 +144,7 @@ def replay(
     truth, estimates, evaluation = score(sampler.samples, selection) if sampler.samples else (None, None, None)
     return Outcome(
         sources,
-        to_seconds(span_ns),
+        session.recorded_s,
         session.scans,
         session.processed,
         counters,
@@ -150,6 +153,16 @@ def replay(
         evaluation,
         session.grid,
     )
+
+
+def _check_window(recording: Recording, selection: Selection) -> None:
+    start_s, duration_s = selection.start_s, selection.duration_s
+    whole_s = to_seconds(recording.end_ns - recording.start_ns)
+    window = f"the recording goes from 0 to {whole_s:.1f} s"
+    if not 0.0 <= start_s < whole_s:
+        raise RecordingError(f"{recording.path}: nothing starts at {start_s:g} s; {window}")
+    if duration_s is not None and not duration_s > 0.0:
+        raise RecordingError(f"{recording.path}: nothing lasts {duration_s:g} s; {window}")
 
 
 def score(

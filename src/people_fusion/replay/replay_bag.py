@@ -12,12 +12,13 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from people_fusion.core.config import merge
-from people_fusion.core.errors import ConfigError, RecordingError
+from people_fusion.core.errors import ConfigError
 from people_fusion.evaluation.clear_mot import THRESHOLD_M
-from people_fusion.evaluation.report import run_report
+from people_fusion.evaluation.report import run_report, unscored_report
 from people_fusion.replay.discovery import Sources
 from people_fusion.replay.replay import Outcome, Selection, replay
 from people_fusion.replay.results import figures, guarded, print_scores, save_report, settings, write_json
+from people_fusion.replay.sampling import Sightings
 from people_fusion.tracking.fusion import load_config
 
 ARRIVALS = ("scans", "scans processed")
@@ -41,8 +42,8 @@ def run(options: argparse.Namespace, notes: Console) -> None:
         scans=tuple(options.scan),
         world_frame=options.world_frame,
         ground_truth=options.ground_truth,
-        start_s=_not_negative("--start", options.start),
-        duration_s=None if options.duration is None else _not_negative("--duration", options.duration),
+        start_s=options.start,
+        duration_s=options.duration,
         only_annotated=options.only_annotated,
         threshold_m=_not_negative("--threshold", options.threshold),
     )
@@ -60,7 +61,16 @@ def run(options: argparse.Namespace, notes: Console) -> None:
                 notes.print(line, markup=False, highlight=False, soft_wrap=True)
 
         wall_s, cpu_s = time.perf_counter(), time.process_time()
-        outcome = replay(options.bag, config, selection, options.out, found, lambda s: bar.update(task, completed=s))
+        sightings = Sightings() if options.report is not None else None
+        outcome = replay(
+            options.bag,
+            config,
+            selection,
+            options.out,
+            found,
+            progress=lambda seconds: bar.update(task, completed=seconds),
+            watch=None if sightings is None else sightings.watch,
+        )
         wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
     result = {
         **figures(outcome.evaluation),
@@ -78,8 +88,9 @@ def run(options: argparse.Namespace, notes: Console) -> None:
         print(line)
     if options.json is not None:
         write_json(options.json, result)
-    if options.report is not None:
-        _report(options.report, f"{options.bag.stem}, {name}", outcome, settings(config), _lines(outcome, result))
+    if sightings is not None:
+        title, said = f"{options.bag.stem}, {name}", [*outcome.sources.notes, _lines(outcome, result)[0]]
+        save_report(options.report, _report(title, outcome, sightings, settings(config), said))
 
 
 def overrides(settings: List[str]) -> Dict[str, Any]:
@@ -113,21 +124,13 @@ def _lines(outcome: Outcome, result: Dict[str, Any]) -> List[str]:
 
 
 def _report(
-    directory: Path, title: str, outcome: Outcome, parameters: Dict[str, Any], lines: List[str]
-) -> None:
-    if outcome.truth is None or outcome.estimates is None or outcome.evaluation is None:
-        raise RecordingError(f"{directory}: nothing is annotated, so there is nothing to report")
-    html = run_report(
-        title,
-        outcome.truth,
-        outcome.estimates,
-        outcome.evaluation,
-        outcome.grid,
-        parameters,
-        outcome.counters,
-        [*outcome.sources.notes, lines[0]],
-    )
-    save_report(directory, html)
+    title: str, outcome: Outcome, sightings: Sightings, parameters: Dict[str, Any], notes: List[str]
+) -> str:
+    if outcome.truth is not None and outcome.estimates is not None and outcome.evaluation is not None:
+        scored = (outcome.truth, outcome.estimates, outcome.evaluation)
+        return run_report(title, *scored, outcome.grid, parameters, outcome.counters, notes)
+    frames, estimates, hits = sightings.result()
+    return unscored_report(title, frames, estimates, hits, outcome.grid, parameters, outcome.counters, notes)
 
 
 def _not_negative(name: str, value: float) -> float:

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from people_fusion.core.errors import TransformUnavailable
+from people_fusion.core.measurements import Sight
+from people_fusion.core.stamps import from_seconds
 from people_fusion.core.tracks import Tracks
 from people_fusion.core.transforms import TransformSource
 from people_fusion.evaluation.truth import Estimates, Truth
 from people_fusion.replay.ground_truth import Instant
+from people_fusion.replay.session import Session, Update
 from people_fusion.tracking.fusion import Fusion
+
+HITS_EVERY_NS = from_seconds(0.5)
 
 
 class Sampler:
@@ -59,6 +65,43 @@ class Sampler:
             self._samples.append((there, tracks))
         else:
             self.skipped += 1
+
+
+class Sightings:
+    """The reported people, and what the scanners hit now and then: what can be shown where nobody is annotated."""
+
+    def __init__(self) -> None:
+        self._tracks: List[Tracks] = []
+        self._hits: List[np.ndarray] = [np.zeros((0, 2))]
+        self._next_ns = 0
+
+    def watch(self, session: Session, update: Update) -> None:
+        """The tracker has processed a measurement."""
+        tracks = session.fusion.tracks()
+        if tracks.frame_id != session.fusion.config.frames.world:
+            return
+        if not self._tracks or tracks.stamp_ns > self._tracks[-1].stamp_ns:
+            self._tracks.append(tracks.select(tracks.confirmed))
+        measurement = update.measurement
+        if measurement.sight is not None and measurement.stamp_ns >= self._next_ns:
+            self._next_ns = measurement.stamp_ns + HITS_EVERY_NS
+            with suppress(TransformUnavailable):
+                pose = session.transforms.lookup(tracks.frame_id, measurement.frame_id, measurement.stamp_ns)
+                self._hits.append(pose.apply(_hits(measurement.sight))[:, :2])
+
+    def result(self) -> Tuple[Truth, Estimates, np.ndarray]:
+        """Frames without people, the reported people at these, and (N, 2) hits in the world frame, metres."""
+        nobody = [np.zeros(0)] * len(self._tracks)
+        frames = Truth.from_frames([tracks.stamp_ns for tracks in self._tracks], nobody, nobody)
+        return frames, Estimates.from_tracks(self._tracks), np.concatenate(self._hits)
+
+
+def _hits(sight: Sight) -> np.ndarray:
+    """(N, 3) where the scanner's view ended."""
+    ended = np.flatnonzero(sight.ranges < sight.range_max)  # false for NaN
+    angles = sight.yaw + sight.angle_min + sight.angle_increment * ended
+    ways = sight.ranges[ended, None] * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(ended))])
+    return np.append(sight.position, 0.0) + ways
 
 
 def together(samples: Sequence[Tuple[Instant, Tracks]]) -> Tuple[Truth, Estimates]:

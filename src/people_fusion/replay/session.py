@@ -12,6 +12,7 @@ from people_fusion.core.errors import DataError, TransformUnavailable
 from people_fusion.core.grids import OccupancyGrid
 from people_fusion.core.measurements import Announcement, Measurement
 from people_fusion.core.scans import Scan
+from people_fusion.core.stamps import to_seconds
 from people_fusion.core.transforms import TransformTree
 from people_fusion.core.waiting import WaitingRoom, transforms_ready
 from people_fusion.cues.cue import CUES, Cue, TransformRequest
@@ -77,6 +78,7 @@ class Session:
         self._waiting: WaitingRoom[_Waiting] = WaitingRoom(
             self._is_ready, config.transforms.patience_s, gave_up=self._withdraw
         )
+        self._lead_s = config.transforms.history_s
         self._cues: List[Cue] = []
         self._feeders: Dict[str, Callable[[Any], None]] = {}
         for topic in sources.transforms:
@@ -91,20 +93,27 @@ class Session:
             self._feeders[sources.map.name] = self._feed_map
         self._counts: Counter = Counter()
         self._now_ns = 0
+        self._first_ns = self._last_ns = 0  # stamps of scans
 
     def run(self, recording: Recording, start_s: float = 0.0, duration_s: Optional[float] = None) -> None:
         """Drive a whole recording, or `duration_s` of it from `start_s` on, through.
+
+        What was said once before the start counts: static transforms, the map, the localisation; and the transforms
+        of the last seconds before it, which the first scans need.
 
         Raises:
             RecordingError: the recording is damaged.
         """
         sources = self._sources
         latched = [topic for topic in sources.transforms if _is_static(topic)]
-        latched += [sources.map] if sources.map else []
+        latched += [topic for topic in (sources.map, sources.localisation) if topic]
         flowing = [topic for topic in sources.transforms if not _is_static(topic)]
-        flowing += [sources.localisation] if sources.localisation else []
-        if start_s > 0.0:
-            for recorded in recording.messages(latched, 0.0, start_s):
+        lead_s = min(start_s, self._lead_s)
+        if start_s > lead_s:
+            for recorded in recording.messages(latched, 0.0, start_s - lead_s):
+                self.feed(recorded)
+        if lead_s > 0.0:
+            for recorded in recording.messages([*latched, *flowing], start_s - lead_s, lead_s):
                 self.feed(recorded)
         for recorded in recording.messages([*latched, *flowing, *sources.scans], start_s, duration_s):
             self.feed(recorded)
@@ -135,6 +144,11 @@ class Session:
         return self._counts["scans"]
 
     @property
+    def recorded_s(self) -> float:
+        """Seconds from the first scan's stamp to the last one's."""
+        return to_seconds(self._last_ns - self._first_ns)
+
+    @property
     def processed(self) -> int:
         """Scans that went through."""
         return self._counts["scans processed"]
@@ -161,6 +175,8 @@ class Session:
     def _feed_scan(self, cue: Cue, message: Any) -> None:
         self._counts["scans"] += 1
         scan = conversions.scan(message)
+        self._first_ns = min(self._first_ns or scan.stamp_ns, scan.stamp_ns)
+        self._last_ns = max(self._last_ns, scan.stamp_ns)
         requests = {TransformRequest(self.fusion.tracking_frame, scan.frame_id, scan.stamp_ns)}
         if self._sources.transforms:
             requests.update(cue.transforms_needed(scan))
