@@ -205,3 +205,15 @@ def test_random_trees_are_looked_up_as_by_tf2(seed):
             np.testing.assert_allclose(pose.translation, theirs.translation, atol=1e-6)
             np.testing.assert_allclose(pose.rotation, theirs.rotation, atol=1e-6)
     assert min(outcomes.values()) > 20
+
+
+def test_reset_may_keep_what_is_static() -> None:
+    tree = TransformTree()
+    tree.add("base", "laser", 0, Pose.identity(), static=True)
+    tree.add("odom", "base", 10**9, Pose.identity())
+    tree.reset(keep_static=True)
+    assert tree.frames == {"base", "laser"}
+    tree.add("odom", "base", 0, Pose.identity())
+    tree.lookup("odom", "laser", 0)
+    tree.reset()
+    assert not tree.frames

@@ -102,10 +102,12 @@ class BagBuilder:
         field_of_view_deg: float = 270.0,
         latency_s: float = 0.02,
         stamped: bool = True,
+        walked_s: Optional[float] = None,
     ) -> None:
+        """Write a scan of the person where he is at `seconds`, or after `walked_s`."""
         increment = np.deg2rad(field_of_view_deg) / max(beams - 1, 1)
         angle_min = -np.deg2rad(field_of_view_deg) / 2
-        ranges = ranges_at(seconds, beams, angle_min, increment)
+        ranges = ranges_at(seconds if walked_s is None else walked_s, beams, angle_min, increment)
         self.add(
             topic,
             "sensor_msgs/LaserScan",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Any, List, Tuple
+from typing import Any, Callable, List, Tuple
 
 import numpy as np
 import pytest
@@ -233,3 +233,42 @@ def test_a_simulated_museum_is_tracked_in_its_map_with_its_localisation(tmp_path
     assert sources.map is not None and (sources.frames.world, sources.frames.odom) == ("map", "odom")
     assert outcome.processed >= outcome.scans - 3
     assert outcome.evaluation is not None and outcome.evaluation.scores.clear_mot.matches > 5
+
+
+def stamped(path: Path, steps: int, stamp_s: Callable[[int], float], static_mount: bool = False) -> Path:
+    """Somebody walks past a standing robot; scan and transforms of each step are stamped as told."""
+    with BagBuilder(path) as bag:
+        if static_mount:
+            bag.link(0.0, "base_link", "laser", LASER_AT, topic="/tf_static")
+        for step in range(steps):
+            seconds = stamp_s(step)
+            delay = step * 0.1 - seconds
+            bag.link(seconds, "odom", "base_link", latency_s=delay)
+            if not static_mount:
+                bag.link(seconds, "base_link", "laser", LASER_AT, latency_s=delay)
+            bag.scan(seconds, latency_s=delay + 0.02, walked_s=step * 0.06)
+    return path
+
+
+@pytest.mark.parametrize("wrong_by", [3.15e7, -3.15e7, 4.0])
+def test_a_scan_whose_stamp_is_wrong_is_counted_and_the_tracks_survive(tmp_path: Path, wrong_by: float) -> None:
+    _, expected = run(stamped(tmp_path / "a.bag", 50, lambda step: step * 0.1))
+    session, shown = run(stamped(tmp_path / "b.bag", 50, lambda step: step * 0.1 + wrong_by * (step == 30)))
+    counters = session.counters()
+    assert counters.get("time jumps", 0) == 0 and session.processed >= 48
+    assert shown[-1].ids.tolist() == expected[-1].ids.tolist()
+    assert sum(count for name, count in counters.items() if "stamp" in name) > 0
+    assert session.recorded_s == pytest.approx(4.9)
+
+
+@pytest.mark.parametrize("jump_s", [-3.0, 3.15e7])
+@pytest.mark.parametrize("static_mount", [False, True])
+def test_a_clock_that_is_set_begins_anew(tmp_path: Path, jump_s: float, static_mount: bool) -> None:
+    path = stamped(tmp_path / "a.bag", 80, lambda step: step * 0.1 + jump_s * (step >= 40), static_mount)
+    session, shown = run(path)
+    assert session.counters()["time jumps"] == 1
+    assert session.processed >= 75
+    before = {track for tracks in shown[:39] for track in tracks.ids.tolist()}
+    after = {track for tracks in shown[42:] for track in tracks.ids.tolist()}
+    assert before and after and not before & after
+    assert session.recorded_s == pytest.approx(7.7, abs=0.11)

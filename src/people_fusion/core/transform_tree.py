@@ -53,9 +53,9 @@ class TransformTree(TransformSource):
         """All frames that some transform has named."""
         return frozenset(self._links).union(link.parent for link in self._links.values())
 
-    def reset(self) -> None:
-        """Forget everything, static transforms included."""
-        self._links.clear()
+    def reset(self, keep_static: bool = False) -> None:
+        """Forget everything; static transforms only if they shall not be kept."""
+        self._links = {child: link for child, link in self._links.items() if keep_static and link.is_static}
         self._chains.clear()
 
     def add(self, parent: str, child: str, stamp_ns: int, pose: Pose, static: bool = False) -> None:

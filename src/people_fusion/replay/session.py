@@ -12,7 +12,8 @@ from people_fusion.core.errors import DataError, TransformUnavailable
 from people_fusion.core.grids import OccupancyGrid
 from people_fusion.core.measurements import Announcement, Measurement
 from people_fusion.core.scans import Scan
-from people_fusion.core.stamps import to_seconds
+from people_fusion.core.stamps import from_seconds, to_seconds
+from people_fusion.core.timeline import Timeline
 from people_fusion.core.transforms import TransformTree
 from people_fusion.core.waiting import WaitingRoom, transforms_ready
 from people_fusion.cues.cue import CUES, Cue, TransformRequest
@@ -93,7 +94,11 @@ class Session:
             self._feeders[sources.map.name] = self._feed_map
         self._counts: Counter = Counter()
         self._now_ns = 0
-        self._first_ns = self._last_ns = 0  # stamps of scans
+        self._arrival_ns = 0
+        self._offset_ns = sources.clock_offset_ns
+        self._timeline = Timeline(self._jumped, lambda: self._arrival_ns)
+        self._recorded_ns = 0  # before the last time jump
+        self._first_ns = self._last_ns = 0  # stamps of scans since
 
     def run(self, recording: Recording, start_s: float = 0.0, duration_s: Optional[float] = None) -> None:
         """Drive a whole recording, or `duration_s` of it from `start_s` on, through.
@@ -121,7 +126,8 @@ class Session:
 
     def feed(self, recorded: RecordedMessage) -> None:
         """Take one message; messages come in order of arrival."""
-        self._wake_until(recorded.arrival_ns - self._sources.clock_offset_ns)
+        self._arrival_ns = recorded.arrival_ns
+        self._wake_until(recorded.arrival_ns - self._offset_ns)
         try:
             self._feeders[recorded.topic](recorded.read())
         except DataError as error:
@@ -145,8 +151,8 @@ class Session:
 
     @property
     def recorded_s(self) -> float:
-        """Seconds from the first scan's stamp to the last one's."""
-        return to_seconds(self._last_ns - self._first_ns)
+        """Seconds from the first scan's stamp to the last one's, what lies between time jumps added."""
+        return to_seconds(self._recorded_ns + self._last_ns - self._first_ns)
 
     @property
     def processed(self) -> int:
@@ -157,14 +163,16 @@ class Session:
         for link in conversions.links(message):
             if (link.parent, link.child) in self._sources.links:
                 try:
+                    if not is_static:
+                        self._timeline.require(f"tf {link.child}", link.stamp_ns, witness=False)
                     self.transforms.add(link.parent, link.child, link.stamp_ns, link.pose(), static=is_static)
                 except DataError as error:
                     self._counts[f"transform: {error.reason}"] += 1
 
     def _feed_localisation(self, message: Any) -> None:
-        self.fusion.transforms.add_localisation(
-            conversions.stamp(message.header), conversions.uncertain_pose(message.pose)
-        )
+        stamp_ns = conversions.stamp(message.header)
+        self._timeline.require("localisation", stamp_ns, witness=False)
+        self.fusion.transforms.add_localisation(stamp_ns, conversions.uncertain_pose(message.pose))
 
     def _feed_map(self, message: Any) -> None:
         self.grid = conversions.occupancy_grid(message)
@@ -175,8 +183,11 @@ class Session:
     def _feed_scan(self, cue: Cue, message: Any) -> None:
         self._counts["scans"] += 1
         scan = conversions.scan(message)
-        self._first_ns = min(self._first_ns or scan.stamp_ns, scan.stamp_ns)
-        self._last_ns = max(self._last_ns, scan.stamp_ns)
+        self._timeline.require(cue.name, scan.stamp_ns)
+        newest_ns = self._timeline.newest_ns(cue.name)
+        self._wake_until(newest_ns)  # the bag's clock may be slower than the stamps
+        self._first_ns = min(self._first_ns or newest_ns, newest_ns)
+        self._last_ns = max(self._last_ns, newest_ns)
         requests = {TransformRequest(self.fusion.tracking_frame, scan.frame_id, scan.stamp_ns)}
         if self._sources.transforms:
             requests.update(cue.transforms_needed(scan))
@@ -185,6 +196,18 @@ class Session:
         self._push(announcement)
         waiting = _Waiting(cue, scan, newest_first, announcement)
         self._waiting.push(cue.name, scan.stamp_ns, waiting, self._now_ns)
+
+    def _jumped(self, back_s: float) -> None:
+        self._counts["time jumps"] += 1
+        self._waiting.reset()
+        self.transforms.reset(keep_static=True)
+        self.fusion.reset()
+        for cue in self._cues:
+            cue.reset()
+        self._offset_ns += from_seconds(back_s)
+        self._now_ns = self._arrival_ns - self._offset_ns
+        self._recorded_ns += self._last_ns - self._first_ns
+        self._first_ns = self._last_ns = 0
 
     def _is_ready(self, waiting: _Waiting) -> bool:
         return all(
@@ -206,7 +229,7 @@ class Session:
                 self._withdraw(waiting)
             else:
                 self._counts["scans processed"] += 1
-                self._measured(measurement, self._now_ns + self._sources.clock_offset_ns)
+                self._measured(measurement, self._now_ns + self._offset_ns)
 
     def _withdraw(self, waiting: _Waiting) -> None:
         self._push(waiting.announcement._replace(withdrawn=True))
@@ -228,7 +251,7 @@ class Session:
         for measurement in measurements:
             self._before(measurement.stamp_ns)
             changed = self.fusion.process(measurement)
-            self._after(Update(measurement, changed, self._now_ns + self._sources.clock_offset_ns))
+            self._after(Update(measurement, changed, self._now_ns + self._offset_ns))
 
 
 def _is_static(topic: Topic) -> bool:
