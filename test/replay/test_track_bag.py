@@ -11,13 +11,12 @@ from bags import BagBuilder, walk
 from people_fusion.core.errors import RecordingError
 from people_fusion.core.measurements import XY_OBSERVED, Measurement, Sight
 from people_fusion.core.tracks import Tracks
+from people_fusion.core.wire import UNOBSERVED_VARIANCE
 from people_fusion.replay.recording import Recording
 from people_fusion.replay.track_bag import (
     DETECTIONS_TOPIC,
     TRACKS_TOPIC,
-    UNOBSERVED_VARIANCE,
     TrackWriter,
-    headings,
     predicted,
     read_tracks,
 )
@@ -82,17 +81,6 @@ def test_what_a_laser_does_not_observe_has_the_large_variance(tmp_path: Path) ->
     np.testing.assert_array_equal(message.sight_ranges, np.array([1.0, np.nan, 3.0], np.float32))
     variances = np.diag(message.detections[0].pose.covariance.reshape(6, 6))
     assert variances.tolist() == [0.01, 0.02, *[UNOBSERVED_VARIANCE] * 4]
-
-
-def test_headings_match_sampled_velocities_and_are_unknown_at_rest() -> None:
-    rng = np.random.default_rng(0)
-    mean, covariance = np.array([0.0, 0.0, 0.0, 0.6, 0.8]), np.diag([0.0, 0.0, 0.0, 0.004, 0.009])
-    velocities = rng.multivariate_normal(mean[3:], covariance[3:, 3:], 20_000)
-    yaws, variances = headings(np.array([mean, np.zeros(5)]), np.array([covariance, covariance]))
-    sampled = np.arctan2(velocities[:, 1], velocities[:, 0])
-    assert yaws[0] == pytest.approx(sampled.mean(), abs=0.01)
-    assert variances[0] == pytest.approx(sampled.var(), rel=0.05)
-    assert (yaws[1], variances[1]) == (0.0, UNOBSERVED_VARIANCE)
 
 
 def test_prediction_moves_with_the_velocity_and_grows_the_covariance() -> None:

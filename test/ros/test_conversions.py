@@ -15,6 +15,7 @@ from people_fusion.core.measurements import XY_OBSERVED, XYZ_OBSERVED, Measureme
 from people_fusion.core.poses import Pose, UncertainPose
 from people_fusion.core.scans import Scan
 from people_fusion.core.tracks import Tracks
+from people_fusion.core.wire import UNOBSERVED_VARIANCE
 from people_fusion.ros import conversions as c
 
 STAMP_NS = 1_500_000_000_123_456_789
@@ -161,7 +162,7 @@ def test_nobody_seen_returns_from_the_wire(measurement: Measurement) -> None:
 def test_what_a_laser_does_not_see_has_the_large_variance(measurement: Measurement) -> None:
     for person in c.measurement_to_msg(measurement).detections:
         diagonal = np.diag(np.reshape(person.pose.covariance, (6, 6)))
-        assert (diagonal[2:] == c.UNOBSERVED_VARIANCE).all()
+        assert (diagonal[2:] == UNOBSERVED_VARIANCE).all()
         assert (diagonal[:2] < 100.0).all()
 
 
@@ -207,23 +208,14 @@ def test_tracks_return_from_the_wire(rng: np.random.Generator, size: int) -> Non
     assert_same(tracks, c.tracks_from_msg(c.tracks_to_msg(tracks)), 1e-9)
 
 
-def test_heading_is_the_direction_of_motion_with_its_spread(rng: np.random.Generator) -> None:
-    tracks = tracks_of(rng, 5, count=1)
-    tracks.means[0, 3:] = 1.0, 1.0
-    tracks.covariances[0, 3:, 3:] = [[0.01, 0.002], [0.002, 0.02]]
-    (quaternion,), (variance,) = c.headings(tracks)
-    assert 2.0 * math.atan2(quaternion[2], quaternion[3]) == pytest.approx(math.pi / 4)
-    velocities = rng.multivariate_normal(tracks.means[0, 3:], tracks.covariances[0, 3:, 3:], 20_000)
-    assert variance == pytest.approx(np.var(np.arctan2(velocities[:, 1], velocities[:, 0])), rel=0.05)
-
-
-def test_who_stands_has_no_direction(rng: np.random.Generator) -> None:
+def test_the_pose_points_in_the_direction_of_motion_with_its_spread(rng: np.random.Generator) -> None:
     tracks = tracks_of(rng, 5, count=2)
-    tracks.means[:, 3:] = [[0.0, 0.0], [0.01, 0.0]]
-    tracks.covariances[:, 3:, 3:] = 0.04 * np.eye(2)
-    quaternions, variances = c.headings(tracks)
-    assert (variances == c.UNOBSERVED_VARIANCE).all()
-    np.testing.assert_array_equal(quaternions, [[0.0, 0.0, 0.0, 1.0]] * 2)
+    tracks.means[:, 3:] = [[1.0, 1.0], [0.0, 0.0]]
+    tracks.covariances[:, 3:, 3:] = 0.02 * np.eye(2)
+    walks, stands = (person.pose for person in c.tracks_to_msg(tracks).tracks)
+    assert 2.0 * math.atan2(walks.pose.orientation.z, walks.pose.orientation.w) == pytest.approx(math.pi / 4)
+    assert walks.covariance[35] == pytest.approx(0.01)
+    assert (stands.pose.orientation.w, stands.covariance[35]) == (1.0, UNOBSERVED_VARIANCE)
 
 
 def test_pose_array_holds_every_track(rng: np.random.Generator) -> None:

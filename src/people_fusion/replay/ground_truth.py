@@ -16,10 +16,10 @@ import numpy as np
 
 from people_fusion.core.errors import RecordingError
 from people_fusion.core.transforms import TransformSource, normalise_frame
+from people_fusion.core.wire import UNOBSERVED_VARIANCE
 from people_fusion.replay.conversions import stamp
 from people_fusion.replay.recording import Recording, Topic
 
-UNOBSERVED_VARIANCE = 1e6
 UNKNOWN = (math.nan, math.nan, math.nan)
 IDENTITIES = ("track_id", "person_id", "object_id", "id", "name")
 

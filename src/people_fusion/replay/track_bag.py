@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Dict, List, Optional, Tuple, Type, Union
+from typing import Any, Dict, List, Optional, Type, Union
 
 import numpy as np
 from rosbags.rosbag1 import Writer
@@ -15,14 +15,13 @@ from people_fusion.core.measurements import Measurement
 from people_fusion.core.stamps import NANOSECONDS, from_seconds, split, to_seconds
 from people_fusion.core.tracks import Tracks
 from people_fusion.core.transforms import normalise_frame
+from people_fusion.core.wire import DETECTIONS_PER_MESSAGE, UNOBSERVED_VARIANCE, headings
 from people_fusion.replay.conversions import stamp
 from people_fusion.replay.recording import Recording, Topic
 from people_fusion.replay.typestore import typestore
 
 TRACKS_TOPIC = "/people_fusion/tracks"
 DETECTIONS_TOPIC = "/people_fusion/detections"
-UNOBSERVED_VARIANCE = 1e6
-DETECTIONS_PER_MESSAGE = 1 << 16
 PREDICTION_LIMIT_NS = NANOSECONDS  # older tracks say nothing about an instant
 
 _TRACKS = "people_fusion/msg/TrackedPersons"
@@ -155,21 +154,6 @@ class TrackWriter:
         turn = self._make("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
         pose = self._make("geometry_msgs/msg/Pose", point, turn)
         return self._make("geometry_msgs/msg/PoseWithCovariance", pose, covariance.ravel())
-
-
-def headings(means: np.ndarray, covariances: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-    """Directions of motion (T,) and their variances (T,), radians, of tracks (T, D) with covariances (T, D, D).
-
-    Linearised: the variance of the velocity across its direction over the squared speed. Who hardly moves has none: 0
-    with the variance of what is not observed.
-    """
-    velocities = means[:, 3:5]
-    speeds_squared = (velocities**2).sum(axis=1)
-    across = np.column_stack([-velocities[:, 1], velocities[:, 0]])
-    spreads = np.einsum("ti,tij,tj->t", across, covariances[:, 3:5, 3:5], across)
-    unknown = spreads >= math.pi**2 / 3.0 * speeds_squared**2  # no better than a uniform direction
-    variances = np.where(unknown, UNOBSERVED_VARIANCE, spreads / np.where(unknown, 1.0, speeds_squared**2))
-    return np.where(unknown, 0.0, np.arctan2(velocities[:, 1], velocities[:, 0])), variances
 
 
 def read_tracks(recording: Recording, topic: Topic) -> List[Tracks]:

@@ -26,10 +26,8 @@ from people_fusion.core.poses import Pose, UncertainPose
 from people_fusion.core.scans import Scan
 from people_fusion.core.stamps import NANOSECONDS, from_seconds, join, split, to_seconds
 from people_fusion.core.tracks import Tracks
+from people_fusion.core.wire import DETECTIONS_PER_MESSAGE, UNOBSERVED_VARIANCE, headings
 from people_fusion.msg import DetectedPerson, DetectedPersons, TrackedPerson, TrackedPersons
-
-UNOBSERVED_VARIANCE = 1e6
-DETECTIONS_PER_MESSAGE = 1 << 16
 
 
 def stamp_from_msg(stamp: Any) -> int:
@@ -278,7 +276,8 @@ def tracks_to_msg(tracks: Tracks) -> Any:
     """people_fusion/TrackedPersons of all the given tracks; select the confirmed ones before."""
     size = tracks.means.shape[1]
     velocities = _velocities(tracks)
-    quaternions, yaw_variances = headings(tracks)
+    yaws, yaw_variances = headings(tracks.means, tracks.covariances)
+    quaternions = _quaternions(yaws)
     poses = np.zeros((len(tracks), 6, 6))
     poses[:, :3, :3] = tracks.covariances[:, :3, :3]
     poses[:, [3, 4], [3, 4]] = UNOBSERVED_VARIANCE
@@ -306,7 +305,7 @@ def tracks_to_msg(tracks: Tracks) -> Any:
 
 def poses_to_msg(tracks: Tracks) -> Any:
     """geometry_msgs/PoseArray of the tracks' heads, x axis in the direction of motion."""
-    quaternions, _ = headings(tracks)
+    quaternions = _quaternions(headings(tracks.means, tracks.covariances)[0])
     return PoseArray(
         header=header_to_msg(tracks.stamp_ns, tracks.frame_id),
         poses=[
@@ -316,20 +315,10 @@ def poses_to_msg(tracks: Tracks) -> Any:
     )
 
 
-def headings(tracks: Tracks) -> Tuple[np.ndarray, np.ndarray]:
-    """(T, 4) quaternions x y z w of the directions of motion and (T,) variances of their yaw, radians^2.
-
-    Linearised: var(yaw) = J C J' with J = (-vy, vx) / |v|^2; who hardly moves has no direction.
-    """
-    velocity, covariance = tracks.means[:, 3:5], tracks.covariances[:, 3:5, 3:5]
-    speed_squared = (velocity**2).sum(axis=1)
-    across = np.column_stack([-velocity[:, 1], velocity[:, 0]])
-    spread = np.einsum("ti,tij,tj->t", across, covariance, across)
-    unknown = spread >= math.pi**2 / 3.0 * speed_squared**2  # not better than a uniform direction
-    variances = np.where(unknown, UNOBSERVED_VARIANCE, spread / np.where(unknown, 1.0, speed_squared**2))
-    half = np.where(unknown, 0.0, 0.5 * np.arctan2(velocity[:, 1], velocity[:, 0]))
-    zeros = np.zeros(len(tracks))
-    return np.column_stack([zeros, zeros, np.sin(half), np.cos(half)]), variances
+def _quaternions(yaws: np.ndarray) -> np.ndarray:
+    """(T, 4) x y z w of rotations (T,) about the vertical."""
+    zeros = np.zeros(len(yaws))
+    return np.column_stack([zeros, zeros, np.sin(0.5 * yaws), np.cos(0.5 * yaws)])
 
 
 def _velocities(tracks: Tracks) -> np.ndarray:
