@@ -16,10 +16,13 @@ FLOORS = {
     "core": 0,
     "cues": 1, "filtering": 1, "association": 1,
     "tracking": 2,
-    "evaluation": 3, "replay": 3, "simulation": 3,
+    "evaluation": 3, "replay": 3, "simulation": 3, "training": 3,
     "ros": 4,
 }  # fmt: skip
-DOWN_A_ROOM = {("simulation", "replay"), ("simulation", "evaluation"), ("replay", "evaluation")}  # on floor 3
+DOWN_A_ROOM = {  # on floor 3
+    ("training", "simulation"), ("training", "replay"), ("training", "evaluation"),
+    ("simulation", "replay"), ("simulation", "evaluation"), ("replay", "evaluation"),
+}  # fmt: skip
 ROS_PACKAGES = {
     "rospy", "roslib", "rosgraph", "rosbag", "rosnode", "rostopic", "rosparam", "roslaunch", "rosservice", "genpy",
     "tf", "tf2_ros", "tf2_py", "tf2_geometry_msgs", "message_filters", "diagnostic_updater", "cv_bridge",

@@ -1,0 +1,1 @@
+"""Floor 3: models learned from recordings and simulation."""

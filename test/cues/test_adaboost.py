@@ -1,0 +1,162 @@
+"""Boosted stumps and the model that they are kept in."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from people_fusion.core.errors import ConfigError, DataError
+from people_fusion.core.scans import Scan
+from people_fusion.cues.legs.adaboost import Stumps, adaboost
+from people_fusion.cues.legs.classifier import LegModel, load_leg_model
+from people_fusion.cues.legs.features import NAMES
+from people_fusion.cues.legs.segments import segment
+
+
+def clouds(seed, count=200, features=4):
+    rng = np.random.default_rng(seed)
+    labels = rng.random(count) < 0.3
+    labels[:2] = True, False
+    examples = rng.normal(size=(count, features)) + labels[:, None] * rng.normal(scale=1.5, size=features)
+    return examples, labels
+
+
+def literal(examples, labels, rounds):
+    """Table 1, one stump after the other; scores of the strong classifier."""
+    signs = np.where(labels, 1.0, -1.0)
+    weights = np.where(labels, 0.5 / labels.sum(), 0.5 / (~labels).sum())
+    total, sum_of_alphas = np.zeros(len(signs)), 0.0
+    for _ in range(rounds):
+        weights = weights / weights.sum()
+        best, best_says = 0.0, None
+        for feature in examples.T:
+            values = np.unique(feature)
+            for threshold in 0.5 * (values[1:] + values[:-1]):
+                for parity in (1.0, -1.0):
+                    says = np.where(parity * feature < parity * threshold, 1.0, -1.0)
+                    r = (weights * signs * says).sum()
+                    if r > best + 1e-12:
+                        best, best_says = r, says
+        if best > 1 - 1e-9:
+            return best_says
+        alpha = 0.5 * np.log((1 + best) / (1 - best))
+        weights = weights * np.exp(-alpha * signs * best_says)
+        total, sum_of_alphas = total + alpha * best_says, sum_of_alphas + alpha
+    return total / sum_of_alphas
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 1000))
+def test_boosting_equals_table_1_read_literally(seed):
+    examples, labels = clouds(seed, 60, 3)
+    stumps = adaboost(examples, labels, 6, np.arange(3))
+    expected = literal(examples, labels, 6)
+    if len(stumps.weights) == 6:
+        np.testing.assert_allclose(stumps.scores(examples), expected, atol=1e-9)
+    else:
+        np.testing.assert_array_equal(expected > 0, labels)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 1000), rounds=st.integers(1, 40))
+def test_scores_are_the_weighted_vote_of_all_stumps(seed, rounds):
+    examples, labels = clouds(seed)
+    stumps = adaboost(examples, labels, rounds, np.arange(4))
+    fresh, _ = clouds(seed + 1)
+    vote = np.zeros(len(fresh))
+    for feature, threshold, parity, weight in zip(*(getattr(stumps, n) for n in Stumps.__dataclass_fields__)):
+        vote += weight * np.where(parity * fresh[:, feature] < parity * threshold, 1.0, -1.0)
+    np.testing.assert_allclose(stumps.scores(fresh), vote / stumps.weights.sum(), atol=1e-12)
+
+
+def test_what_can_be_told_by_one_threshold_is_told_at_once():
+    examples = np.arange(10.0)[:, None]
+    stumps = adaboost(examples, examples[:, 0] > 6, 1, np.array([0]))
+    assert stumps.thresholds[0] == 6.5 and stumps.parities[0] == -1
+    np.testing.assert_array_equal(stumps.scores(examples) > 0, examples[:, 0] > 6)
+
+
+def test_columns_that_are_not_allowed_are_not_used():
+    examples, labels = clouds(1)
+    examples[:, 2] = labels
+    assert set(adaboost(examples, labels, 20, np.array([0, 1])).features.tolist()) <= {0, 1}
+
+
+@pytest.mark.parametrize("labels", [np.ones(5, bool), np.zeros(5, bool)])
+def test_one_class_alone_cannot_be_learned(labels):
+    with pytest.raises(DataError):
+        adaboost(np.random.default_rng(0).normal(size=(5, 2)), labels, 3, np.array([0]))
+
+
+def test_a_feature_that_is_not_finite_is_refused():
+    with pytest.raises(DataError, match="finite"):
+        adaboost(np.array([[np.nan], [1.0]]), np.array([True, False]), 3, np.array([0]))
+
+
+def test_what_nothing_tells_apart_ends_boosting():
+    with pytest.raises(DataError, match="tells"):
+        adaboost(np.ones((6, 1)), np.arange(6) < 3, 3, np.array([0]))
+
+
+@pytest.fixture
+def model():
+    rng = np.random.default_rng(0)
+    labels = np.arange(80) < 40
+    examples = rng.normal(size=(80, len(NAMES))) + labels[:, None]
+    stumps = adaboost(examples, labels, 12, np.arange(len(NAMES)))
+    return LegModel(stumps, 4.0, -1.0, 0.1, 0.12, 2.5, {"command": "none"})
+
+
+def segments():
+    ranges = np.repeat([1.0, 2.0, 4.0, 1.5, 3.0], [2, 8, 30, 6, 5])
+    return segment(Scan(0, "laser", ranges, -0.3, 0.01, 0.1, 10.0), ranges, 0.12)
+
+
+def test_a_saved_model_is_the_same_model(tmp_path, model):
+    model.save(tmp_path / "a.json")
+    again = load_leg_model(tmp_path / "a.json")
+    np.testing.assert_array_equal(again.scores(segments()), model.scores(segments()))
+    np.testing.assert_array_equal(again.probabilities(segments()), model.probabilities(segments()))
+    again.save(tmp_path / "b.json")
+    assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
+
+
+def test_segments_of_two_points_are_not_judged(model):
+    found = segments()
+    assert found.counts[0] == 2
+    assert model.scores(found)[0] == -1.0 and model.probabilities(found)[0] == model.prior
+
+
+def test_a_scan_without_segments_has_no_probabilities(model):
+    ranges = np.full(5, np.nan)
+    nothing = segment(Scan(0, "laser", ranges, 0.0, 0.1, 0.1, 10.0), ranges, 0.1)
+    assert model.probabilities(nothing).shape == (0,)
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda c: c.update(format=2), "format"),
+        (lambda c: c.pop("stumps"), "stumps"),
+        (lambda c: c.update(stumps=[]), "no stumps"),
+        (lambda c: c["stumps"][0].update(feature="colour"), "damaged"),
+        (lambda c: c["stumps"][0].update(threshold=float("nan")), "finite"),
+        (lambda c: c["calibration"].update(slope="steep"), "damaged"),
+    ],
+)
+def test_a_damaged_model_is_refused_by_name(tmp_path, model, damage, message):
+    path = tmp_path / "model.json"
+    model.save(path)
+    content = json.loads(path.read_text())
+    damage(content)
+    path.write_text(json.dumps(content))
+    with pytest.raises(ConfigError, match=message) as error:
+        load_leg_model(path)
+    assert "model.json" in str(error.value)
+
+
+def test_a_missing_model_is_refused_by_name(tmp_path):
+    with pytest.raises(ConfigError, match="nowhere.json"):
+        load_leg_model(tmp_path / "nowhere.json")
