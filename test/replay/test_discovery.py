@@ -62,6 +62,23 @@ def test_of_two_topics_of_one_scanner_the_raw_one_is_taken_and_it_is_said(tmp_pa
     assert "scan /a_filtered_scan is left out: it is of the scanner of /scan" in found.notes
 
 
+@pytest.mark.parametrize("stamped", [True, False])
+def test_of_two_topics_of_one_scanner_the_annotated_one_is_taken_and_it_is_said(tmp_path: Path, stamped: bool) -> None:
+    with BagBuilder(tmp_path / "a.bag") as bag:
+        for step in range(30):
+            seconds = 0.1 * step
+            bag.scan(seconds, topic="/all_scans")
+            if step % 3:
+                bag.scan(seconds, topic="/training_scan")
+                header = bag.header(seconds if stamped else None, "laser")
+                bag.add("/legs", "geometry_msgs/PoseArray", seconds + 0.02, header, [bag.pose(1.0, 0.0)])
+    found = sources_of(tmp_path / "a.bag")
+    assert [topic.name for topic in found.scans] == ["/training_scan"]
+    (note,) = [note for note in found.notes if "left out" in note]
+    assert note.startswith("scan /all_scans is left out")
+    assert note.endswith("it is of the scanner of /training_scan, to which the annotations belong")
+
+
 def test_two_scanners_on_one_robot_are_both_taken(tmp_path: Path) -> None:
     with BagBuilder(tmp_path / "a.bag") as bag:
         bag.link(0.0, "odom", "base_link")

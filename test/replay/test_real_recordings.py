@@ -40,6 +40,11 @@ def test_smoke_bags_run_without_a_flag(recordings: Path, name: str) -> None:
     assert outcome.processed >= 0.85 * outcome.scans
 
 
+def test_labelled_scans_are_preferred(recordings: Path) -> None:
+    outcome = replay(recordings / "laser_legs_mir/front_extracted.bag", load_config(), Selection(duration_s=5.0))
+    assert [scan.name for scan in outcome.sources.scans] == ["/training_scan"]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("preset", ["default", "poschmann_t1", "volkhardt"])
 @pytest.mark.parametrize("name", [*(f"smoke_bags/{name}" for name in SMOKE), *OTHERS])

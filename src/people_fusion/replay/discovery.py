@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from dataclasses import dataclass
 from statistics import median
 from typing import Any, Dict, FrozenSet, List, Optional, Sequence, Tuple
+
+import numpy as np
 
 from people_fusion.core.errors import RecordingError
 from people_fusion.core.stamps import from_seconds, to_seconds
@@ -18,6 +21,7 @@ TRUTH_WORDS = ("truth", "annotat")
 TRUTH_KINDS = ("TrackedPersons", "PersonArray", "People", "Person")
 OWN_OUTPUT = "people_fusion/"
 BASES = ("base_link", "base_footprint")
+SAME_INSTANT_NS = from_seconds(0.001)
 SAME_CLOCK_NS = from_seconds(1.0)
 NOTABLE_OFFSET_NS = from_seconds(0.1)
 
@@ -55,11 +59,13 @@ class _Scanner:
     frame_id: str
     beams: int
     delays_ns: Tuple[int, ...]  # bag time minus header time
+    annotated: float = 0.0  # share of the scans and annotations that belong to each other
 
     @property
-    def rank(self) -> Tuple[int, int, str]:
-        """Of topics in one frame the raw scan comes first: it is the soonest, then the most frequent."""
-        return (round(median(self.delays_ns) / from_seconds(0.02)), -self.topic.count, self.topic.name)
+    def rank(self) -> Tuple[float, int, int, str]:
+        """Of topics in one frame the annotated scan comes first, then the raw one: the soonest, the most frequent."""
+        delay = round(median(self.delays_ns) / from_seconds(0.02))
+        return (-round(self.annotated, 1), delay, -self.topic.count, self.topic.name)
 
 
 def discover(
@@ -83,7 +89,8 @@ def discover(
     """
     transforms = recording.of_kind("TFMessage", "tfMessage")
     parents = _parents(recording, transforms)
-    scanners = _scanners(recording, scan_topics)
+    truth = find_ground_truth(recording, ground_truth)
+    scanners = _with_annotations(recording, _scanners(recording, scan_topics), truth)
     chosen, chain, notes = _connected(recording, scanners, parents, frames, world_frame, bool(scan_topics))
     found = _frames(chain, frames, world_frame)
     needed: Dict[str, List[str]] = {scanner.frame_id: _ancestors(scanner.frame_id, parents) for scanner in chosen}
@@ -91,7 +98,6 @@ def discover(
     connected = {name for line in needed.values() for name in line}
     grid = _map(recording, connected)
     localisation = _localisation(recording, found.world)
-    truth = find_ground_truth(recording, ground_truth)
     offset_ns = _clock_offset([delay for scanner in chosen for delay in scanner.delays_ns])
     notes = [
         *(f"scan {scanner.topic.name}: {scanner.beams} beams in {scanner.frame_id}" for scanner in chosen),
@@ -154,6 +160,38 @@ def _scanners(recording: Recording, names: Sequence[str]) -> List[_Scanner]:
     return scanners
 
 
+def _with_annotations(
+    recording: Recording, scanners: List[_Scanner], truth: Optional[Topic]
+) -> List[_Scanner]:
+    """The scanners with the share of their scans that something is annotated in; annotations are poses of legs, too.
+
+    An annotation belongs to the scan of its stamp, or where it has none, of its arrival.
+    """
+    labels = [truth] if truth is not None else recording.of_kind("PoseArray")
+    if len(scanners) < 2 or not labels:
+        return scanners
+    stamped: List[int] = []
+    unstamped: List[int] = []
+    for recorded in recording.messages(labels):
+        header = getattr(recorded.read(), "header", None)
+        stamp_ns = stamp(header) if header is not None else 0
+        (stamped if stamp_ns else unstamped).append(stamp_ns or recorded.arrival_ns)
+    told = []
+    for scanner in scanners:
+        times = np.array([(stamp(m.read().header), m.arrival_ns) for m in recording.messages([scanner.topic])])
+        shared = _count_near(stamped, times[:, 0]) + _count_near(unstamped, times[:, 1])
+        either = len(stamped) + len(unstamped) + len(times) - shared
+        told.append(dataclasses.replace(scanner, annotated=shared / either))
+    return told
+
+
+def _count_near(instants_ns: Sequence[int], times_ns: np.ndarray) -> int:
+    """How many of the instants are among the times."""
+    times_ns, at_ns = np.sort(times_ns), np.array(instants_ns, dtype=np.int64)
+    first = np.searchsorted(times_ns, at_ns - SAME_INSTANT_NS)
+    return int(np.sum(np.searchsorted(times_ns, at_ns + SAME_INSTANT_NS, side="right") > first))
+
+
 def _connected(
     recording: Recording,
     scanners: Sequence[_Scanner],
@@ -174,7 +212,7 @@ def _connected(
         if world_frame is not None:
             there = ", ".join(sorted({name for line in lines.values() for name in line}))
             raise RecordingError(f"{recording.path}: no frame {world_frame} above the scanners; there are {there}")
-        most = max(ranked, key=lambda scanner: (scanner.topic.count, -ranked.index(scanner)))
+        most = max(ranked, key=lambda scanner: (-scanner.rank[0], scanner.topic.count, -ranked.index(scanner)))
         root = lines[most.frame_id][-1]
         within = [scanner for scanner in ranked if lines[scanner.frame_id][-1] == root]
     chosen: Dict[str, _Scanner] = {}
@@ -182,7 +220,9 @@ def _connected(
     for scanner in within:
         key = scanner.topic.name if by_name else scanner.frame_id
         if key in chosen:
-            notes.append(f"scan {scanner.topic.name} is left out: it is of the scanner of {chosen[key].topic.name}")
+            taken = chosen[key]
+            why = ", to which the annotations belong" if taken.rank[0] < scanner.rank[0] else ""
+            notes.append(f"scan {scanner.topic.name} is left out: it is of the scanner of {taken.topic.name}{why}")
         else:
             chosen[key] = scanner
     for scanner in ranked:
@@ -193,8 +233,8 @@ def _connected(
                     f"{within[0].frame_id} of {within[0].topic.name}"
                 )
             notes.append(f"scan {scanner.topic.name} is left out: no transform connects {scanner.frame_id}")
-    taken = sorted(chosen.values(), key=lambda scanner: scanner.topic.name)
-    return taken, lines[within[0].frame_id], notes
+    by_topic = sorted(chosen.values(), key=lambda scanner: scanner.topic.name)
+    return by_topic, lines[within[0].frame_id], notes
 
 
 def _frames(chain: Sequence[str], frames: FramesConfig, world_frame: Optional[str]) -> FramesConfig:
