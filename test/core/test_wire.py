@@ -20,3 +20,16 @@ def test_who_stands_has_no_heading():
     means[1, 3] = 0.01
     yaws, variances = headings(means, covariances)
     assert yaws.tolist() == [0.0, 0.0] and variances.tolist() == [UNOBSERVED_VARIANCE] * 2
+
+
+def test_headings_do_not_depend_on_where_memory_is_free():
+    rng = np.random.default_rng(0)
+    taken, found = [], set()
+    for _ in range(20_000):
+        taken.append(np.zeros(int(rng.integers(1, 9))))
+        if len(taken) > 50:
+            taken.pop(int(rng.integers(0, 50)))
+        mean = np.zeros((1, 5))
+        mean[0, 3:] = 0.4970088600795994, 0.8000312391111559
+        found.update(headings(mean, np.tile(0.01 * np.eye(5), (1, 1, 1)))[0].tolist())
+    assert len(found) == 1

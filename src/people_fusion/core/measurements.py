@@ -7,6 +7,8 @@ from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
 
+from people_fusion.core.angles import bearings
+
 XY_OBSERVED = (True, True, False)
 XYZ_OBSERVED = (True, True, True)
 PERSON_DEPTH_M = 0.4  # a beam that ends less than this before a person's middle may have hit the person
@@ -47,7 +49,7 @@ class Sight:
             return np.zeros(len(points))
         to_point = points - self.position
         distance = np.hypot(to_point[:, 0], to_point[:, 1])
-        bearing = np.arctan2(to_point[:, 1], to_point[:, 0]) - self.yaw
+        bearing = bearings(to_point) - self.yaw
         half_angle = np.arctan2(half_width_m, np.maximum(distance, half_width_m))
         angles = bearing[:, None] + half_angle[:, None] * _ACROSS - self.angle_min
         # Count angles from the scan's first beam in its own direction of turning.

@@ -7,6 +7,8 @@ from typing import Tuple
 
 import numpy as np
 
+from people_fusion.core.angles import bearings
+
 UNOBSERVED_VARIANCE = 1e6  # stands for «not observed»
 DETECTIONS_PER_MESSAGE = 1 << 16  # detection_id counts a cue's messages in steps of this
 
@@ -23,4 +25,4 @@ def headings(means: np.ndarray, covariances: np.ndarray) -> Tuple[np.ndarray, np
     spreads = np.einsum("ti,tij,tj->t", across, covariances[:, 3:5, 3:5], across)
     unknown = spreads >= math.pi**2 / 3.0 * speeds_squared**2  # no better than a uniform direction
     variances = np.where(unknown, UNOBSERVED_VARIANCE, spreads / np.where(unknown, 1.0, speeds_squared**2))
-    return np.where(unknown, 0.0, np.arctan2(velocities[:, 1], velocities[:, 0])), variances
+    return np.where(unknown, 0.0, bearings(velocities)), variances
