@@ -144,6 +144,15 @@ class BagBuilder:
         self.link(seconds, slash + "odom", slash + "base_link", (0.5 * seconds, 0.0, 0.0), kind)
         self.link(seconds, slash + "base_link", slash + "laser", LASER_AT, kind)
 
+    def odometry(self, seconds: float, child: str = "base_link") -> None:
+        """Odometry of a robot that drives along x at 0.5 m/s."""
+        zeros = np.zeros(36)
+        pose = self.make("geometry_msgs/PoseWithCovariance", self.pose(0.5 * seconds, 0.0), zeros)
+        still = self.make("geometry_msgs/Vector3", 0.0, 0.0, 0.0)
+        twist = self.make("geometry_msgs/TwistWithCovariance", self.make("geometry_msgs/Twist", still, still), zeros)
+        header = self.header(seconds, "odom")
+        self.add("/odom", "nav_msgs/Odometry", seconds + 0.005, header, child, pose, twist)
+
     def person_array(self, seconds: float, frame_id: str = "laser", topic: str = "/ground_truth") -> None:
         person = self.make("leg_tracker/Person", self.pose(*person_at(seconds)), 7)
         self.add(topic, "leg_tracker/PersonArray", seconds + 0.03, self.header(seconds, frame_id), [person])

@@ -91,6 +91,38 @@ def test_two_scanners_on_one_robot_are_both_taken(tmp_path: Path) -> None:
     assert any("245 beams in rear_laser" in note for note in found.notes)
 
 
+def driving(path: Path, tf_has_odometry: bool, mounted: bool = True) -> Path:
+    """A robot with Odometry messages, of which tf knows or does not know."""
+    with BagBuilder(path) as bag:
+        for step in range(60):
+            seconds = 0.05 * step
+            if mounted:
+                bag.link(seconds, "base_link", "laser", LASER_AT)
+            if tf_has_odometry:
+                bag.link(seconds, "odom", "base_link", (0.5 * seconds, 0.0, 0.0))
+            bag.odometry(seconds)
+            if step % 2 == 0:
+                bag.scan(seconds)
+    return path
+
+
+def test_odometry_stands_in_for_the_transform_that_tf_lacks(tmp_path: Path) -> None:
+    found = sources_of(driving(tmp_path / "a.bag", tf_has_odometry=False))
+    assert found.frames == FramesConfig(world="odom", odom="odom", base="base_link")
+    assert found.odometry is not None and found.odometry.name == "/odom"
+    assert "odometry /odom stands in for odom to base_link, which tf lacks" in found.notes
+    assert sources_of(tmp_path / "a.bag", odometry="").frames.world == "base_link"
+
+
+def test_odometry_is_left_out_where_tf_has_it_or_no_scanner_is_on_its_base(tmp_path: Path) -> None:
+    assert sources_of(driving(tmp_path / "a.bag", tf_has_odometry=True)).odometry is None
+    found = sources_of(driving(tmp_path / "b.bag", tf_has_odometry=False, mounted=False), odometry="/odom")
+    assert found.odometry is None and found.frames.world == "laser"
+    assert any(note.startswith("odometry /odom is left out") for note in found.notes)
+    with pytest.raises(RecordingError, match="/scan is not Odometry"):
+        sources_of(tmp_path / "b.bag", odometry="/scan")
+
+
 def test_a_scanner_that_nothing_connects_is_left_out_or_refused_by_name(tmp_path: Path) -> None:
     with BagBuilder(tmp_path / "a.bag") as bag:
         bag.scan(0.1)

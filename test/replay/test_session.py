@@ -9,6 +9,8 @@ from typing import Any, Callable, List, Tuple
 import numpy as np
 import pytest
 from bags import LASER_AT, BagBuilder, person_at, walk
+from rosbags.rosbag1 import Reader, Writer
+from rosbags.typesys import get_types_from_msg
 
 from people_fusion.core.errors import RecordingError
 from people_fusion.core.measurements import Measurement
@@ -17,6 +19,7 @@ from people_fusion.replay.discovery import discover
 from people_fusion.replay.recording import Recording
 from people_fusion.replay.replay import Outcome, Selection, replay
 from people_fusion.replay.session import Session
+from people_fusion.replay.typestore import typestore
 from people_fusion.simulation.bag import write_bag
 from people_fusion.simulation.scenario import load_scenario
 from people_fusion.simulation.simulator import simulate
@@ -221,6 +224,39 @@ def test_arrivals_are_told_on_the_clock_of_the_stamps(
     monkeypatch.setattr(Fusion, "push", spy)
     run(walk(tmp_path / "a.bag", 2.0, clock_offset_s=offset_s))
     assert len(delays_s) > 15 and min(delays_s) >= 0.0 and max(delays_s) < 0.2
+
+
+def without_odometry_in_tf(source: Path, target: Path) -> Path:
+    """A copy of a bag whose tf does not place the robot in odom."""
+    with Reader(source) as reader, Writer(target) as writer:
+        store = typestore()
+        store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"))
+        copies = {
+            connection.id: writer.add_connection(
+                connection.topic, connection.msgtype, msgdef=connection.msgdef.data, md5sum=connection.digest
+            )
+            for connection in reader.connections
+        }
+        for connection, arrival_ns, data in reader.messages():
+            if connection.topic == "/tf":
+                message = store.deserialize_ros1(data, connection.msgtype)
+                kept = [entry for entry in message.transforms if entry.child_frame_id != "base_footprint"]
+                data = store.serialize_ros1(dataclasses.replace(message, transforms=kept), connection.msgtype)
+            writer.write(copies[connection.id], arrival_ns, data)
+    return target
+
+
+def test_odometry_messages_do_as_well_as_the_transform(tmp_path: Path) -> None:
+    scenario = dataclasses.replace(load_scenario("follow"), duration_s=12.0)
+    write_bag(tmp_path / "with.bag", simulate(scenario, 1))
+    without_odometry_in_tf(tmp_path / "with.bag", tmp_path / "without.bag")
+    expected = replay(tmp_path / "with.bag", load_config(), Selection())
+    outcome = replay(tmp_path / "without.bag", load_config(), Selection())
+    assert outcome.sources.odometry is not None and outcome.sources.frames == expected.sources.frames
+    assert outcome.processed >= expected.processed - 3
+    assert outcome.evaluation is not None and expected.evaluation is not None
+    mota, wanted = outcome.evaluation.scores.clear_mot.mota, expected.evaluation.scores.clear_mot.mota
+    assert mota == pytest.approx(wanted, abs=0.05)
 
 
 def test_a_simulated_museum_is_tracked_in_its_map_with_its_localisation(tmp_path: Path) -> None:

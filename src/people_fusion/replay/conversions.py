@@ -72,6 +72,18 @@ def links(message: Any) -> Iterator[Link]:
         )
 
 
+def odometry_link(message: Any) -> Link:
+    """The link odom to base of a nav_msgs/Odometry; a frame that it does not name is empty."""
+    position, turn = message.pose.pose.position, message.pose.pose.orientation
+    return Link(
+        normalise_frame(message.header.frame_id),
+        normalise_frame(message.child_frame_id),
+        stamp(message.header),
+        (position.x, position.y, position.z),
+        (turn.x, turn.y, turn.z, turn.w),
+    )
+
+
 def pose(message: Any) -> Pose:
     """Pose of a geometry_msgs/Pose.
 

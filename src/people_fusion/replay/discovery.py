@@ -13,7 +13,7 @@ import numpy as np
 from people_fusion.core.errors import RecordingError
 from people_fusion.core.stamps import from_seconds, to_seconds
 from people_fusion.core.transforms import FramesConfig, normalise_frame
-from people_fusion.replay.conversions import links, stamp
+from people_fusion.replay.conversions import links, odometry_link, stamp
 from people_fusion.replay.recording import Recording, Topic
 
 SAMPLE = 30  # messages of a topic that are looked at
@@ -33,6 +33,7 @@ class Sources:
     Attributes:
         scans: topics of the scanners, one per scanner.
         transforms: topics of tf.
+        odometry: stands in for the transform odom to base that tf lacks, or None.
         localisation: poses of the base in the world frame, or None.
         map: of the world, or None.
         ground_truth: annotated people, or None.
@@ -44,6 +45,7 @@ class Sources:
 
     scans: Tuple[Topic, ...]
     transforms: Tuple[Topic, ...]
+    odometry: Optional[Topic]
     localisation: Optional[Topic]
     map: Optional[Topic]
     ground_truth: Optional[Topic]
@@ -74,6 +76,7 @@ def discover(
     scan_topics: Sequence[str] = (),
     world_frame: Optional[str] = None,
     ground_truth: Optional[str] = None,
+    odometry: Optional[str] = None,
 ) -> Sources:
     """Find what a replay needs.
 
@@ -83,6 +86,7 @@ def discover(
         scan_topics: scans to take; empty: one per scanner frame that is connected with the world.
         world_frame: frame of the tracks; None: `frames.world`, else `frames.odom`, else the root of the scanner's tree.
         ground_truth: topic of annotated people; None: found by name and type.
+        odometry: topic that stands in for a transform odom to base that tf lacks; None: found by type, "": none.
 
     Raises:
         RecordingError: a topic or frame that was asked for is not there, or nothing is there to work on.
@@ -91,6 +95,7 @@ def discover(
     parents = _parents(recording, transforms)
     truth = find_ground_truth(recording, ground_truth)
     scanners = _with_annotations(recording, _scanners(recording, scan_topics), truth)
+    wheels, odometry_notes = _odometry(recording, scanners, parents, odometry)
     chosen, chain, notes = _connected(recording, scanners, parents, frames, world_frame, bool(scan_topics))
     found = _frames(chain, frames, world_frame)
     needed: Dict[str, List[str]] = {scanner.frame_id: _ancestors(scanner.frame_id, parents) for scanner in chosen}
@@ -102,6 +107,7 @@ def discover(
     notes = [
         *(f"scan {scanner.topic.name}: {scanner.beams} beams in {scanner.frame_id}" for scanner in chosen),
         *notes,
+        *odometry_notes,
         f"frames: world {found.world}, odometry {found.odom or 'none'}, base {found.base}",
         f"localisation {localisation.name}" if localisation else "no localisation: the robot's pose is taken as exact",
         f"map {grid.name}" if grid else "no map that is connected with the scanners",
@@ -112,6 +118,7 @@ def discover(
     return Sources(
         scans=tuple(scanner.topic for scanner in chosen),
         transforms=tuple(transforms) if pairs else (),
+        odometry=wheels if pairs else None,
         localisation=localisation,
         map=grid,
         ground_truth=truth,
@@ -129,6 +136,24 @@ def _parents(recording: Recording, transforms: Sequence[Topic]) -> Dict[str, str
         for link in links(recorded.read()):
             parents[link.child] = link.parent
     return parents
+
+
+def _odometry(
+    recording: Recording, scanners: Sequence[_Scanner], parents: Dict[str, str], name: Optional[str]
+) -> Tuple[Optional[Topic], List[str]]:
+    """Odometry that carries a scanner whose base tf does not place; its link is added to the parents. And notes."""
+    if name == "":
+        return None, []
+    topics = [recording.topic(name)] if name is not None else recording.of_kind("Odometry")
+    carrying = {frame for scanner in scanners for frame in _ancestors(scanner.frame_id, parents)}
+    for topic in sorted(topics, key=lambda topic: -topic.count):
+        if topic.kind != "Odometry":
+            raise RecordingError(f"{recording.path}: {topic.name} is not Odometry but a {topic.type}")
+        link = odometry_link(_sample(recording, topic)[0][1])
+        if link.parent and link.child in carrying and link.child not in parents and link.parent not in carrying:
+            parents[link.child] = link.parent
+            return topic, [f"odometry {topic.name} stands in for {link.parent} to {link.child}, which tf lacks"]
+    return None, [] if name is None else [f"odometry {name} is left out: tf places its base, or no scanner is on it"]
 
 
 def _ancestors(name: str, parents: Dict[str, str]) -> List[str]:

@@ -33,6 +33,7 @@ class Selection:
         scans: topics; empty: found by type.
         world_frame: frame of the tracks; None: found in tf.
         ground_truth: topic; None: found by name and type.
+        odometry: topic in the place of a transform that tf lacks; None: found by type, "": none.
         start_s: seconds after the recording's start.
         duration_s: seconds, None to the end.
         only_annotated: not everybody is annotated: false positives are not counted.
@@ -42,6 +43,7 @@ class Selection:
     scans: Tuple[str, ...] = ()
     world_frame: Optional[str] = None
     ground_truth: Optional[str] = None
+    odometry: Optional[str] = None
     start_s: float = 0.0
     duration_s: Optional[float] = None
     only_annotated: bool = False
@@ -101,7 +103,12 @@ def replay(
         recording = stack.enter_context(Recording(path))
         _check_window(recording, selection)
         sources = discover(
-            recording, config.frames, selection.scans, selection.world_frame, selection.ground_truth
+            recording,
+            config.frames,
+            selection.scans,
+            selection.world_frame,
+            selection.ground_truth,
+            selection.odometry,
         )
         if found is not None:
             found(sources)

@@ -42,6 +42,7 @@ def run(options: argparse.Namespace, notes: Console) -> None:
         scans=tuple(options.scan),
         world_frame=options.world_frame,
         ground_truth=options.ground_truth,
+        odometry="" if options.odometry == "none" else options.odometry,
         start_s=options.start,
         duration_s=options.duration,
         only_annotated=options.only_annotated,
@@ -148,6 +149,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--scan", metavar="TOPIC", nargs="+", action="extend", default=[], help="default: one of each scanner")
     add("--world-frame", metavar="FRAME", help="frame of the tracks (default: map, else odom, else the scanner's)")
     add("--ground-truth", metavar="TOPIC", help="annotated people (default: found by name and type)")
+    add("--odometry", metavar="TOPIC", help="where tf lacks odom to base (default: found by type), or `none`")
     add("--start", type=float, default=0.0, metavar="S", help="seconds to leave out at the beginning")
     add("--duration", type=float, metavar="S", help="seconds to replay")
     add("--out", type=Path, metavar="BAG", help="write detections and tracks")

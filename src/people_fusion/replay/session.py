@@ -84,6 +84,8 @@ class Session:
         self._feeders: Dict[str, Callable[[Any], None]] = {}
         for topic in sources.transforms:
             self._feeders[topic.name] = partial(self._feed_links, is_static=_is_static(topic))
+        if sources.odometry:
+            self._feeders[sources.odometry.name] = self._feed_odometry
         for topic in sources.scans:
             cue = CUES.build(config.leg_cue, name=topic.name.strip("/"), frames=config.frames)
             self._cues.append(cue)
@@ -113,6 +115,7 @@ class Session:
         latched = [topic for topic in sources.transforms if _is_static(topic)]
         latched += [topic for topic in (sources.map, sources.localisation) if topic]
         flowing = [topic for topic in sources.transforms if not _is_static(topic)]
+        flowing += [sources.odometry] if sources.odometry else []
         lead_s = min(start_s, self._lead_s)
         if start_s > lead_s:
             for recorded in recording.messages(latched, 0.0, start_s - lead_s):
@@ -161,13 +164,19 @@ class Session:
 
     def _feed_links(self, message: Any, is_static: bool) -> None:
         for link in conversions.links(message):
-            if (link.parent, link.child) in self._sources.links:
-                try:
-                    if not is_static:
-                        self._timeline.require(f"tf {link.child}", link.stamp_ns, witness=False)
-                    self.transforms.add(link.parent, link.child, link.stamp_ns, link.pose(), static=is_static)
-                except DataError as error:
-                    self._counts[f"transform: {error.reason}"] += 1
+            self._feed_link(link, is_static)
+
+    def _feed_odometry(self, message: Any) -> None:
+        self._feed_link(conversions.odometry_link(message), is_static=False)
+
+    def _feed_link(self, link: conversions.Link, is_static: bool) -> None:
+        if (link.parent, link.child) in self._sources.links:
+            try:
+                if not is_static:
+                    self._timeline.require(f"tf {link.child}", link.stamp_ns, witness=False)
+                self.transforms.add(link.parent, link.child, link.stamp_ns, link.pose(), static=is_static)
+            except DataError as error:
+                self._counts[f"transform: {error.reason}"] += 1
 
     def _feed_localisation(self, message: Any) -> None:
         stamp_ns = conversions.stamp(message.header)
@@ -189,7 +198,7 @@ class Session:
         self._first_ns = min(self._first_ns or newest_ns, newest_ns)
         self._last_ns = max(self._last_ns, newest_ns)
         requests = {TransformRequest(self.fusion.tracking_frame, scan.frame_id, scan.stamp_ns)}
-        if self._sources.transforms:
+        if self._sources.links:
             requests.update(cue.transforms_needed(scan))
         newest_first = sorted(requests, key=lambda request: (-request.stamp_ns, request))
         announcement = cue.announce(scan.stamp_ns)
@@ -218,7 +227,7 @@ class Session:
     def _serve(self, now_ns: int) -> None:
         for waiting in self._waiting.poll(now_ns):
             try:
-                measurement = waiting.cue.measure(waiting.scan, self.transforms if self._sources.transforms else None)
+                measurement = waiting.cue.measure(waiting.scan, self.transforms if self._sources.links else None)
                 measurement = dataclasses.replace(measurement, sequence=waiting.announcement.sequence)
                 self._push(measurement)
             except DataError as error:
