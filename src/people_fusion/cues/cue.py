@@ -5,6 +5,8 @@ from __future__ import annotations
 import abc
 from typing import Any, ClassVar, NamedTuple, Optional, Tuple
 
+import numpy as np
+
 from people_fusion.core.grids import OccupancyGrid
 from people_fusion.core.measurements import Announcement, Measurement
 from people_fusion.core.registry import Registry
@@ -66,6 +68,9 @@ class Cue(abc.ABC):
 
     def set_map(self, grid: Optional[OccupancyGrid]) -> None:
         """A new map of the static surroundings, or none."""
+
+    def set_localisation(self, covariance: np.ndarray) -> None:
+        """How uncertain the robot's pose in the map is from now on: (6, 6), see core.poses. Zero as long as untold."""
 
     def reset(self) -> None:
         """Forget all that was measured: time has jumped."""

@@ -181,7 +181,10 @@ class Session:
     def _feed_localisation(self, message: Any) -> None:
         stamp_ns = conversions.stamp(message.header)
         self._timeline.require("localisation", stamp_ns, witness=False)
-        self.fusion.transforms.add_localisation(stamp_ns, conversions.uncertain_pose(message.pose))
+        world_from_base = conversions.uncertain_pose(message.pose)
+        self.fusion.transforms.add_localisation(stamp_ns, world_from_base)
+        for cue in self._cues:
+            cue.set_localisation(world_from_base.covariance)
 
     def _feed_map(self, message: Any) -> None:
         self.grid = conversions.occupancy_grid(message)

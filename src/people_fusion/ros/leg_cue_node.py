@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Callable, Dict, NamedTuple, Optional, Tuple
 
 import rospy
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid as OccupancyGridMsg
 from rospy.numpy_msg import numpy_msg
 from sensor_msgs.msg import LaserScan
@@ -21,7 +22,7 @@ from people_fusion.core.waiting import WaitingRoom
 from people_fusion.cues.cue import CUES, Cue, TransformRequest
 from people_fusion.msg import DetectedPersons
 from people_fusion.ros import topics
-from people_fusion.ros.conversions import grid_from_msg, measurement_to_msg, scan_from_msg
+from people_fusion.ros.conversions import grid_from_msg, localisation_from_msg, measurement_to_msg, scan_from_msg
 from people_fusion.ros.markers import detection_markers
 from people_fusion.ros.node import Node, Part, run
 from people_fusion.ros.transforms import request_is_met
@@ -30,6 +31,7 @@ from people_fusion.tracking.fusion import FusionConfig
 SCAN_QUEUE = 10  # a second of most scanners: the node may stall for that long, and must not lag by more
 SCAN_BUFFER = 1 << 20  # bytes; rospy lags where a message does not fit
 DETECTION_QUEUE = 20
+LOCALISATION_QUEUE = 10
 MARKER_QUEUE = 2
 MAP_PATIENCE_S = 3.0  # a map whose frame has never been seen for so long is laid aside until it is
 
@@ -79,6 +81,7 @@ class LegCues(Part):
             node.subscribe(topic, numpy_msg(LaserScan), self._callback(topic, cue), SCAN_QUEUE, SCAN_BUFFER)
         if settings.use_tf:
             node.subscribe(topics.MAP, numpy_msg(OccupancyGridMsg), self._on_map, 1)
+            node.subscribe(topics.LOCALISATION, PoseWithCovarianceStamped, self._on_localisation, LOCALISATION_QUEUE)
         node.diagnostics.add_losses(self._waiting.counters)
         node.diagnostics.add_facts(lambda: {"scans waiting": len(self._waiting), "map in use": self._map_is_used})
         node.parts.append(self)
@@ -117,6 +120,11 @@ class LegCues(Part):
             self.serve()
 
         return on_scan
+
+    def _on_localisation(self, message: Any) -> None:
+        _, _, world_from_base = localisation_from_msg(message)
+        for cue in self._cues.values():
+            cue.set_localisation(world_from_base.covariance)
 
     def _on_map(self, message: Any) -> None:
         self._grid = grid_from_msg(message)

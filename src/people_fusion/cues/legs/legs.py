@@ -17,7 +17,7 @@ from people_fusion.core.scans import Scan
 from people_fusion.core.stamps import to_seconds
 from people_fusion.core.transforms import FramesConfig, TransformSource
 from people_fusion.cues.cue import CUES, Cue, TransformRequest
-from people_fusion.cues.legs import beams, clusters
+from people_fusion.cues.legs import beams, clusters, shapes
 
 PERIODS_REMEMBERED = 11
 UNKNOWN_PERIOD_S = 0.1
@@ -36,6 +36,9 @@ class LegCueConfig:
     map_doubt_per_metre: float = parameter(
         0.0, "so much more for each metre from the scanner, where an error of the robot's heading weighs", 0.0, 1.0
     )
+    map_doubt_stds: float = parameter(
+        0.0, "so many standard deviations of the localisation more, as far as it tells its covariance", 0.0, 10.0
+    )
     doubtful_confidence: float = parameter(0.0, "that legs that may be part of the map are a person", 0.0, 1.0)
     map_occupied: int = parameter(OCCUPIED_THRESHOLD, "occupancy from which a cell of the map is an obstacle", 1, 100)
     segment_gap: float = parameter(0.05, "points this close belong to one segment, metres", 0.001, 1.0)
@@ -52,6 +55,16 @@ class LegCueConfig:
     group_gap: float = parameter(0.6, "points this close belong to one group of people, metres", 0.05, 5.0)
     leg_diameter: float = parameter(0.25, "largest extent of one leg, metres", 0.02, 1.0)
     min_leg_points: int = parameter(1, "legs with fewer points are left out", 1, 100)
+    min_leg_width: float = parameter(
+        0.0, "what is certainly thinner, as the beams beside it passed, is a chair's leg, metres; 0: off", 0.0, 0.2
+    )
+    max_leg_width: float = parameter(
+        math.inf,
+        "a segment wider than this without a dent between two legs is one piece: a bin, a coat; metres; .inf: off",
+        0.05,
+    )
+    leg_dent: float = parameter(0.03, "depth of such a dent, metres", 0.0, 0.2)
+    one_piece_confidence: float = parameter(0.3, "that one wide piece is a person", 0.0, 1.0)
     pair_distance: float = parameter(0.7, "legs at most this far apart may be one person's, metres", 0.0, 2.0)
     leg_radius: float = parameter(
         0.0, "the scanner sees the near side of a leg: legs are moved away from it by pi/4 of this, metres", 0.0, 0.2
@@ -76,13 +89,15 @@ class LegCueConfig:
 
 
 class _Legs(NamedTuple):
-    """Points (P, 2) that are of legs with their leg (P,); the legs (L,) with their clearance from the map."""
+    """Points (P, 2) that are of legs with their leg (P,); the legs (L,) with their clearance from the map and whether
+    they are part of one wide piece."""
 
     points: np.ndarray
     labels: np.ndarray
     centres: np.ndarray
     groups: np.ndarray
     clearances: np.ndarray
+    one_piece: np.ndarray
 
 
 @CUES.register("legs", LegCueConfig)
@@ -94,6 +109,7 @@ class LegCue(Cue):
     def __init__(self, config: LegCueConfig, name: str, frames: FramesConfig) -> None:
         self.config, self.name, self.frames = config, name, frames
         self._grid: Optional[OccupancyGrid] = None
+        self._localisation = np.zeros((6, 6))
         self._directions = beams.Directions()
         self._sequence = 0
         self._newest_ns: Optional[int] = None
@@ -103,6 +119,9 @@ class LegCue(Cue):
         self._grid = grid
         if grid is not None:
             grid.distances(self.config.map_occupied)  # now, not in the first scan
+
+    def set_localisation(self, covariance: np.ndarray) -> None:
+        self._localisation = covariance
 
     def reset(self) -> None:
         self._newest_ns = None
@@ -176,28 +195,37 @@ class LegCue(Cue):
         self, points: np.ndarray, hits: np.ndarray, clearances: np.ndarray, scan: Scan, ranges: np.ndarray
     ) -> _Legs:
         config = self.config
-        kept = self._segments(points, hits, scan, ranges)
-        points, clearances = points[kept], clearances[kept]
+        kept, one_piece = self._segments(points, hits, scan, ranges)
+        points, hits, clearances, one_piece = points[kept], hits[kept], clearances[kept], one_piece[kept]
         groups = clusters.single_linkage(points, config.group_gap)
         legs = clusters.complete_linkage(points, config.leg_diameter)
-        if config.min_leg_points > 1 and len(legs):
-            kept = np.bincount(legs)[legs] >= config.min_leg_points
+        good = np.bincount(legs) >= config.min_leg_points
+        if config.min_leg_width:
+            found = np.where(beams.hits(ranges, scan.range_min, scan.range_max), ranges, np.nan)
+            widest = shapes.widest(legs, hits, found, scan.angle_increment, config.segment_gap)
+            good &= widest >= config.min_leg_width
+        if not good.all():
+            kept = good[legs]
             points, groups, legs = points[kept], groups[kept], clusters.relabel(legs[kept])
-            clearances = clearances[kept]
+            clearances, one_piece = clearances[kept], one_piece[kept]
         if not len(legs):
-            return _Legs(points, legs, np.zeros((0, 2)), np.zeros(0, dtype=int), np.zeros(0))
+            nothing = np.zeros(0)
+            return _Legs(points, legs, np.zeros((0, 2)), np.zeros(0, dtype=int), nothing, nothing.astype(bool))
         centres = clusters.means(points, legs)
         if config.leg_radius:
             distances = np.maximum(np.hypot(centres[:, 0], centres[:, 1]), TINY)
             centres *= 1.0 + ARC_DEPTH * config.leg_radius / distances[:, None]
         first = np.unique(legs, return_index=True)[1]
-        return _Legs(points, legs, centres, groups[first], clusters.least(clearances, legs))
+        return _Legs(points, legs, centres, groups[first], clusters.least(clearances, legs), one_piece[first])
 
-    def _segments(self, points: np.ndarray, hits: np.ndarray, scan: Scan, ranges: np.ndarray) -> np.ndarray:
-        """(N,) bool, the points in segments that are neither noise nor, if so configured, walls."""
+    def _segments(
+        self, points: np.ndarray, hits: np.ndarray, scan: Scan, ranges: np.ndarray
+    ) -> Tuple[np.ndarray, np.ndarray]:
+        """Two times (N,) bool: the points in segments that are neither noise nor, if so configured, walls; and those in
+        segments that are too wide for one leg and are not two."""
         config = self.config
         if not len(points):
-            return np.zeros(0, dtype=bool)
+            return np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)
         neighbours = clusters.NO_PAIRS
         if config.segment_gap_beams:
             spacings = np.minimum(ranges[hits[:-1]], ranges[hits[1:]]) * abs(scan.angle_increment)
@@ -212,7 +240,10 @@ class LegCue(Cue):
             good &= 2.0 * np.maximum.reduceat(distances[members], starts) <= config.max_segment_width
         if config.min_segment_step:
             good &= self._stands_out(segments, hits, scan, ranges)
-        return good[segments]
+        one_piece = np.zeros(len(good), dtype=bool)
+        if math.isfinite(config.max_leg_width):
+            one_piece = shapes.one_piece(points, segments, config.max_leg_width, config.leg_dent)
+        return good[segments], one_piece[segments]
 
     def _stands_out(self, segments: np.ndarray, hits: np.ndarray, scan: Scan, ranges: np.ndarray) -> np.ndarray:
         """(S,) bool, segments whose neighbouring beams on both sides end at another depth, on one side farther away.
@@ -289,11 +320,19 @@ class LegCue(Cue):
         """(N,) by whether both legs were seen, and whether an obstacle of the map could be what was seen."""
         config = self.config
         confidences = np.where(paired, config.pair_confidence, config.single_confidence)
-        if len(confidences) and config.map_doubt + config.map_doubt_per_metre > 0.0:
-            doubtful = config.map_doubt + config.map_doubt_per_metre * np.hypot(legs.centres[:, 0], legs.centres[:, 1])
-            near = clusters.least(legs.clearances - doubtful, owners) <= 0.0
+        one_piece = np.bincount(owners, legs.one_piece, len(confidences)) > 0
+        confidences = np.where(one_piece, np.minimum(confidences, config.one_piece_confidence), confidences)
+        if len(confidences) and self._grid is not None:
+            near = clusters.least(legs.clearances - self._doubt(legs.centres), owners) <= 0.0
             confidences = np.where(near, np.minimum(confidences, config.doubtful_confidence), confidences)
         return confidences
+
+    def _doubt(self, centres: np.ndarray) -> np.ndarray:
+        """(L,) metres from an obstacle of the map within which it could be what was seen at `centres` (L, 2)."""
+        config, distances_squared = self.config, np.sum(centres**2, axis=1)
+        turned, moved = self._localisation[5, 5], (self._localisation[0, 0] + self._localisation[1, 1]) / 2.0
+        std = np.sqrt(moved + turned * distances_squared)  # of a point that the robot sees, across the beam
+        return config.map_doubt + config.map_doubt_per_metre * np.sqrt(distances_squared) + config.map_doubt_stds * std
 
     def _note_stamp(self, scan: Scan) -> float:
         """Take notice of a stamp, and the median period of the last scans; stamps that do not advance say nothing."""

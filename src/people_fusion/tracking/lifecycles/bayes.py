@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Tuple
 
 import numpy as np
 
@@ -30,6 +31,11 @@ class BayesConfig:
     end_below: float = parameter(0.02, "existence below which a track ends", low=0.0, high=1.0)
     longest_unseen_s: float = parameter(3.0, "time without detection that ends a track, seconds", low=0.0)
     largest_position_std: float = parameter(1.5, "a track with more uncertain position ends, metres", low=0.0)
+    confidence_unmoved: float = parameter(
+        0.5, "what never moved is a person from this confidence of its detections, on average", low=0.0, high=1.0
+    )
+    confidence_moved: float = parameter(0.2, "the same to begin with for what has moved", low=0.0, high=1.0)
+    confidence_time_s: float = parameter(3.0, "over which that average is taken, seconds", low=0.01)
     furniture_after_s: float = parameter(
         90.0, "who rests this long is furniture and not reported until it moves, seconds; .inf: off", low=0.0
     )
@@ -41,9 +47,9 @@ class BayesConfig:
 
 @LIFECYCLES.register("bayes", BayesConfig)
 class Bayes(Lifecycle):
-    """Remembers nothing beyond the existence."""
+    """Remembers how confident the cues were of a track's detections, and with what weight."""
 
-    memory = ()
+    memory = (2,)
 
     def __init__(self, config: BayesConfig) -> None:
         self.config = config
@@ -63,9 +69,13 @@ class Bayes(Lifecycle):
         )
         unseen_s = (evidence.stamp_ns - table.seen_ns) / 1e9
         never_moved = table.resting_since_ns == table.born_ns
+        memory, confidence = self._confidence(table, evidence)
         patience_s = np.where(never_moved, config.furniture_unmoved_after_s, config.furniture_after_s)
         furniture = (evidence.stamp_ns - table.resting_since_ns) / 1e9 > patience_s
-        confirmed = (existence >= config.confirm_above) | (table.confirmed & (existence >= config.lose_below))
+        # The same doubt about the same thing, look after look, is one doubt: it does not average out as noise does.
+        begins = confidence >= np.where(never_moved, config.confidence_unmoved, config.confidence_moved)
+        stays = table.confirmed & (begins | ~never_moved)
+        confirmed = (begins & (existence >= config.confirm_above)) | (stays & (existence >= config.lose_below))
         confirmed &= ~furniture
         position_std = np.sqrt((table.covariances[:, 0, 0] + table.covariances[:, 1, 1]) / 2)
         alive = (
@@ -73,4 +83,11 @@ class Bayes(Lifecycle):
             & (unseen_s <= np.where(furniture, config.longest_unseen_furniture_s, config.longest_unseen_s))
             & (position_std <= config.largest_position_std)
         )
-        return Verdict(existence, table.memory, confirmed & alive, alive, furniture)
+        return Verdict(existence, memory, confirmed & alive, alive, furniture)
+
+    def _confidence(self, table: TrackTable, evidence: Evidence) -> Tuple[np.ndarray, np.ndarray]:
+        """The memory (T, 2) with the measurement in it, and the average (T,) of the detections' confidences."""
+        fading = math.exp(-evidence.duration_s / self.config.confidence_time_s)
+        seen = np.column_stack([evidence.confidences, np.ones(len(table))])
+        memory = np.where((evidence.matched & ~evidence.new)[:, None], table.memory * fading + seen, table.memory)
+        return memory, memory[:, 0] / np.maximum(memory[:, 1], 1e-9)
