@@ -153,9 +153,11 @@ class BagBuilder:
         header = self.header(seconds, "odom")
         self.add("/odom", "nav_msgs/Odometry", seconds + 0.005, header, child, pose, twist)
 
-    def person_array(self, seconds: float, frame_id: str = "laser", topic: str = "/ground_truth") -> None:
+    def person_array(
+        self, seconds: float, frame_id: str = "laser", topic: str = "/ground_truth", latency_s: float = 0.03
+    ) -> None:
         person = self.make("leg_tracker/Person", self.pose(*person_at(seconds)), 7)
-        self.add(topic, "leg_tracker/PersonArray", seconds + 0.03, self.header(seconds, frame_id), [person])
+        self.add(topic, "leg_tracker/PersonArray", seconds + latency_s, self.header(seconds, frame_id), [person])
 
 
 def walk(

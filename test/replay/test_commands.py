@@ -10,7 +10,7 @@ from typing import Any, Dict, List
 
 import numpy as np
 import pytest
-from bags import walk
+from bags import LASER_AT, BagBuilder, walk
 
 from people_fusion.core.errors import ConfigError
 from people_fusion.replay import evaluate_tracks, replay_bag
@@ -120,6 +120,7 @@ def test_settings_reach_the_preset() -> None:
         (["--start", "100"], "nothing starts at 100 s; the recording goes from 0 to 5.0 s"),
         (["--duration", "0"], "nothing lasts 0 s; the recording goes from 0 to 5.0 s"),
         (["--duration", "-3"], "nothing lasts -3 s; the recording goes from 0 to 5.0 s"),
+        (["--threshold", "0"], "--threshold: 0.0 is not positive"),
         (["--out", "/nowhere/out.bag"], "/nowhere/out.bag"),
         (["--json", "/nowhere/out.json"], "/nowhere/out.json"),
     ],
@@ -162,3 +163,19 @@ def test_evaluate_tracks_names_what_is_missing(bag: Path, tmp_path: Path, capsys
     capsys.readouterr()
     assert evaluate_tracks.main([str(tmp_path / "tracks.bag")]) == 1
     assert "no ground truth in this recording" in capsys.readouterr().err
+    assert evaluate_tracks.main([str(tmp_path / "tracks.bag"), "--threshold", "-1"]) == 1
+    assert "--threshold: -1.0 is not positive" in capsys.readouterr().err
+
+
+def test_recorded_tracks_find_the_transforms_of_a_bag_that_was_written_in_a_hurry(tmp_path: Path) -> None:
+    with BagBuilder(tmp_path / "walk.bag") as bag:
+        for step in range(400):
+            seconds, hurry = step * 0.1, -step * 0.0999
+            bag.link(seconds, "odom", "base_link", (0.5 * seconds, 0.0, 0.0), latency_s=hurry)
+            bag.link(seconds, "base_link", "laser", LASER_AT, latency_s=hurry)
+            bag.scan(seconds, latency_s=hurry)
+            bag.person_array(seconds, latency_s=hurry)
+    assert replay_bag.main([str(tmp_path / "walk.bag"), "--out", str(tmp_path / "tracks.bag")]) == 0
+    arguments = [str(tmp_path / "tracks.bag"), "--truth", str(tmp_path / "walk.bag")]
+    assert evaluate_tracks.main([*arguments, "--json", str(tmp_path / "out.json")]) == 0
+    assert json.loads((tmp_path / "out.json").read_text())["frames"] > 350

@@ -11,7 +11,6 @@ from rich.console import Console
 
 from people_fusion.core.errors import DataError, RecordingError, TransformUnavailable
 from people_fusion.core.grids import OccupancyGrid
-from people_fusion.core.stamps import to_seconds
 from people_fusion.core.tracks import Tracks
 from people_fusion.core.transforms import TransformTree
 from people_fusion.evaluation.clear_mot import THRESHOLD_M
@@ -21,8 +20,10 @@ from people_fusion.replay.discovery import find_ground_truth
 from people_fusion.replay.ground_truth import Instant, read_ground_truth
 from people_fusion.replay.recording import Recording
 from people_fusion.replay.replay import Selection, score
-from people_fusion.replay.results import figures, guarded, print_scores, save_report, write_json
+from people_fusion.replay.results import figures, guarded, positive, print_scores, save_report, write_json
 from people_fusion.replay.track_bag import PREDICTION_LIMIT_NS, TRACKS_TOPIC, predicted, read_tracks
+
+EVERYTHING_S = 1e9  # history of transforms
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
@@ -38,6 +39,9 @@ def run(options: argparse.Namespace, notes: Console) -> None:
     Raises:
         PeopleFusionError: a bag or topic is not usable.
     """
+    selection = Selection(
+        only_annotated=options.only_annotated, threshold_m=positive("--threshold", options.threshold)
+    )
     with Recording(options.bag) as recording:
         tracks = read_tracks(recording, recording.topic(options.tracks))
     if not tracks:
@@ -46,7 +50,6 @@ def run(options: argparse.Namespace, notes: Console) -> None:
     instants, transforms = read_truth(options.truth or options.bag, options.ground_truth, frame_id)
     samples = sample(tracks, instants, transforms)
     notes.print(f"{len(samples)} of {len(instants)} annotated instants lie within the tracks", highlight=False)
-    selection = Selection(only_annotated=options.only_annotated, threshold_m=options.threshold)
     truth, estimates, evaluation = score(samples, selection) if samples else (None, None, None)
     print_scores(options.bag.stem, evaluation)
     if options.json is not None:
@@ -84,7 +87,7 @@ def read_truth(path: Path, topic: Optional[str], frame_id: str) -> Tuple[List[In
         if found is None:
             raise RecordingError(f"{path}: no ground truth in this recording")
         instants = read_ground_truth(recording, found, recording.of_kind("LaserScan"))
-        transforms = TransformTree(to_seconds(recording.end_ns - recording.start_ns))
+        transforms = TransformTree(EVERYTHING_S)
         if any(instant.frame_id != frame_id for instant in instants):
             for recorded in recording.messages(recording.of_kind("TFMessage", "tfMessage")):
                 for link in links(recorded.read()):

@@ -17,7 +17,7 @@ from people_fusion.evaluation.clear_mot import THRESHOLD_M
 from people_fusion.evaluation.report import run_report, unscored_report
 from people_fusion.replay.discovery import Sources
 from people_fusion.replay.replay import Outcome, Selection, replay
-from people_fusion.replay.results import figures, guarded, print_scores, save_report, settings, write_json
+from people_fusion.replay.results import figures, guarded, positive, print_scores, save_report, settings, write_json
 from people_fusion.replay.sampling import Sightings
 from people_fusion.tracking.fusion import load_config
 
@@ -46,7 +46,7 @@ def run(options: argparse.Namespace, notes: Console) -> None:
         start_s=options.start,
         duration_s=options.duration,
         only_annotated=options.only_annotated,
-        threshold_m=_not_negative("--threshold", options.threshold),
+        threshold_m=positive("--threshold", options.threshold),
     )
     columns = (
         TextColumn("{task.description}"),
@@ -132,12 +132,6 @@ def _report(
         return run_report(title, *scored, outcome.grid, parameters, outcome.counters, notes)
     frames, estimates, hits = sightings.result()
     return unscored_report(title, frames, estimates, hits, outcome.grid, parameters, outcome.counters, notes)
-
-
-def _not_negative(name: str, value: float) -> float:
-    if not value >= 0.0:
-        raise ConfigError(f"{name}: {value} is negative")
-    return value
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -10,7 +10,7 @@ from typing import Any, Callable, Dict, Mapping, Optional
 
 from rich.console import Console
 
-from people_fusion.core.errors import PeopleFusionError, RecordingError
+from people_fusion.core.errors import ConfigError, PeopleFusionError, RecordingError
 from people_fusion.evaluation.evaluate import Evaluation, Scores
 from people_fusion.evaluation.report import write_report
 from people_fusion.evaluation.tables import count_table, score_table
@@ -70,6 +70,17 @@ def save_report(directory: Path, html: str) -> None:
     except OSError as error:
         raise RecordingError(f"{directory}: {error.strerror}") from error
     print(directory / "report.html")
+
+
+def positive(name: str, value: float) -> float:
+    """An option's value.
+
+    Raises:
+        ConfigError: it is not a positive number; the message names the option.
+    """
+    if not 0.0 < value < math.inf:
+        raise ConfigError(f"{name}: {value} is not positive")
+    return value
 
 
 def _finite(value: Any) -> Any:
