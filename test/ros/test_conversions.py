@@ -174,10 +174,10 @@ def test_detection_ids_differ_between_messages(measurement: Measurement) -> None
 
 
 
-def set_variance(message: Any, axis: int, value: float) -> None:
-    covariance = list(message.detections[1].pose.covariance)
+def set_variance(message: Any, axis: int, value: float, person: int = 1) -> None:
+    covariance = list(message.detections[person].pose.covariance)
     covariance[7 * axis] = value
-    message.detections[1].pose.covariance = covariance
+    message.detections[person].pose.covariance = covariance
 
 
 @pytest.mark.parametrize(
@@ -193,6 +193,8 @@ def set_variance(message: Any, axis: int, value: float) -> None:
         (lambda m: setattr(m, "leg_owners", [0]), "legs do not fit"),
         (lambda m: setattr(m, "leg_owners", [0, 3]), "legs do not fit"),
         (lambda m: setattr(m, "sight_angle_min", math.nan), "sight is not finite"),
+        (lambda m: setattr(m, "sight_angle_increment", 0.0), "beams in one direction"),
+        (lambda m: [set_variance(m, 0, 1e6, person) for person in range(3)], "without a place in the plane"),
     ],
 )
 def test_spoilt_detections_are_refused(measurement: Measurement, change: Callable[[Any], None], reason: str) -> None:

@@ -125,3 +125,9 @@ def test_transform_without_rotation_is_refused(source: Tf2Source) -> None:
 def test_leading_slashes_do_not_matter(source: Tf2Source) -> None:
     source.add(transform("/odom", "/base_link", 6 * S, Pose.from_xy_yaw(9.0, 0.0, 0.0)))
     assert source.lookup("odom", "base_link", 6 * S).translation[0] == 9.0
+
+
+@pytest.mark.parametrize(("parent", "child"), [("", "laser"), ("odom", ""), ("laser", "/laser"), ("/", "laser")])
+def test_a_transform_without_two_frames_is_refused(parent: str, child: str) -> None:
+    with pytest.raises(DataError, match="without two frames"):
+        Tf2Source(10.0).add(transform(parent, child, S, Pose.identity()))

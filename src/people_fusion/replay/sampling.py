@@ -23,7 +23,7 @@ HITS_EVERY_NS = from_seconds(0.5)
 class Sampler:
     """Asks the tracker for the people at each annotated instant, once everything older has been processed.
 
-    Instants before the first and after the last measurement are left out.
+    Instants before the first and after the last measurement are left out; where stamps go back, all that were passed.
 
     Attributes:
         skipped: instants within the measurements where a transform was missing.

@@ -186,6 +186,8 @@ def measurement_from_msg(message: Any) -> Measurement:
     if len(masked) and (masked != masked[0]).any():
         raise DataError("detections of one message observe different axes")
     observed = ~masked[0] if len(masked) else np.array(XY_OBSERVED)
+    if not observed[:2].all():
+        raise DataError("detections without a place in the plane", f"observed: {observed.tolist()}")
     covariances = checked_covariance(covariances * (observed[:, None] & observed), "detection's covariance")
     legs = np.array([(leg.x, leg.y) for leg in message.legs], dtype=float).reshape(-1, 2)
     owners = np.asarray(message.leg_owners, dtype=int)
@@ -335,6 +337,8 @@ def _sight_from_msg(message: Any) -> Optional[Sight]:
     numbers = (message.sight_angle_min, message.sight_angle_increment, message.sight_range_max)
     if not all(map(math.isfinite, numbers)):
         raise DataError("sight is not finite", f"{numbers}")
+    if message.sight_angle_increment == 0.0:
+        raise DataError("sight with all beams in one direction")
     return Sight(
         position=np.zeros(2),
         yaw=0.0,

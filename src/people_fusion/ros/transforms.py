@@ -59,7 +59,8 @@ class Tf2Source(TransformSource):
         """Take a geometry_msgs/TransformStamped.
 
         Raises:
-            DataError: it is not finite or no rotation; tf2 would let an infinite translation pass.
+            DataError: it is not finite or no rotation, or names no two frames; tf2 would let an infinite translation
+                pass, and print a line for each of the others.
         """
         shift, turn = transform.transform.translation, transform.transform.rotation
         norm = turn.x**2 + turn.y**2 + turn.z**2 + turn.w**2
@@ -67,6 +68,10 @@ class Tf2Source(TransformSource):
             raise DataError("transform is not finite or no rotation", transform.child_frame_id)
         transform.header.frame_id = frame_from_msg(transform.header.frame_id)
         transform.child_frame_id = frame_from_msg(transform.child_frame_id)
+        if not transform.header.frame_id or transform.child_frame_id in ("", transform.header.frame_id):
+            raise DataError(
+                "transform without two frames", f"{transform.header.frame_id!r} to {transform.child_frame_id!r}"
+            )
         add = self._buffer.set_transform_static if static else self._buffer.set_transform
         add(transform, "people_fusion")
 
