@@ -1,0 +1,339 @@
+"""The multi-hypothesis tracker of legs (Arras et al. 2012, 3.1 to 3.3.2).
+
+A hypothesis labels every track as detected, occluded or deleted and every measurement as of a track, new or a false
+alarm. Tracks stand in a table of their own: a track that many hypotheses share is predicted and updated once. All
+probabilities are logarithms.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from heapq import merge
+from itertools import islice
+from typing import Dict, Iterator, List, NamedTuple, Tuple
+
+import numpy as np
+
+from people_fusion.association.k_best import ranked_assignments, ranked_subsets, with_choices
+from people_fusion.core.config import parameter
+from people_fusion.core.errors import ConfigError
+from people_fusion.filtering.kalman import predict, update
+
+OBSERVATION = np.eye(2, 4)
+NONE = -1  # no measurement: the track is occluded
+
+
+@dataclass(frozen=True)
+class MhtConfig:
+    """Table 10 and the pruning of 3.3.2."""
+
+    p_detected: float = parameter(0.3, "that a free track is detected", 1e-9, 1.0)
+    p_occluded: float = parameter(0.63, "that a free track is occluded", 1e-9, 1.0)
+    p_deleted: float = parameter(0.07, "that a free track is gone", 1e-9, 1.0)
+    approved_p_detected: float = parameter(0.2, "that a leg of a person is detected", 1e-9, 1.0)
+    approved_p_occluded: float = parameter(0.79, "that a leg of a person is occluded", 1e-9, 1.0)
+    approved_p_deleted: float = parameter(0.01, "that a leg of a person is gone", 1e-9, 1.0)
+    new_rate: float = parameter(0.001, "new tracks a square metre and scan", 1e-12)
+    false_rate: float = parameter(0.003, "false alarms a square metre and scan", 1e-12)
+    gate: float = parameter(9.21, "largest squared Mahalanobis distance of a pair; chi-square, 2 dof, 1 %", low=0.0)
+    acceleration_std: float = parameter(3.0, "of a leg, whose steps the model does not know, m/s^2", low=0.0)
+    initial_speed_std: float = parameter(1.0, "of a new track, m/s", low=0.0)
+    max_hypotheses: int = parameter(50, "best children that are kept of all parents together", low=1)
+    min_ratio: float = parameter(1e-4, "less probable hypotheses than this share of the best are dropped", 0.0, 1.0)
+    scan_back: int = parameter(8, "scans after which one branch is decided for", low=1)
+
+    def __post_init__(self) -> None:
+        for kind in ("", "approved_"):
+            total = sum(getattr(self, f"{kind}p_{label}") for label in ("detected", "occluded", "deleted"))
+            if abs(total - 1.0) > 1e-6:
+                raise ConfigError(f"{kind}p_detected, {kind}p_occluded, {kind}p_deleted: sum to {total:g}, not 1")
+
+
+class LegTracks(NamedTuple):
+    """Leaves of the track trees, one row each; never altered in place.
+
+    Attributes:
+        ids: (T,) a track keeps its identity in all hypotheses.
+        means: (T, 4) x y vx vy, metres, m/s.
+        covariances: (T, 4, 4).
+        born_ns: (T,).
+        seen_ns: (T,) last detection.
+    """
+
+    ids: np.ndarray
+    means: np.ndarray
+    covariances: np.ndarray
+    born_ns: np.ndarray
+    seen_ns: np.ndarray
+
+    @staticmethod
+    def empty() -> LegTracks:
+        """No tracks."""
+        stamps = np.zeros(0, dtype=np.int64)
+        return LegTracks(stamps, np.zeros((0, 4)), np.zeros((0, 4, 4)), stamps, stamps)
+
+    def take(self, rows: np.ndarray) -> LegTracks:
+        """Some of the tracks."""
+        return LegTracks(*(column[rows] for column in self))
+
+
+class Hypothesis(NamedTuple):
+    """One leaf of the hypothesis tree.
+
+    Attributes:
+        log_p: logarithm of its probability.
+        tracks: rows of its tracks.
+        ancestors: its forefathers, the oldest first; at most `scan_back` of them, then itself.
+    """
+
+    log_p: float
+    tracks: Tuple[int, ...]
+    ancestors: Tuple[int, ...]
+
+
+class Forest(NamedTuple):
+    """The state of the tracker.
+
+    Attributes:
+        tracks: leaves of all hypotheses.
+        hypotheses: the best first; probabilities sum to one.
+        next_hypothesis: number that the next one gets.
+    """
+
+    tracks: LegTracks
+    hypotheses: Tuple[Hypothesis, ...]
+    next_hypothesis: int
+
+    @staticmethod
+    def seed() -> Forest:
+        """Nothing is there, for sure."""
+        return Forest(LegTracks.empty(), (Hypothesis(0.0, (), ()),), 0)
+
+    def marginals(self) -> np.ndarray:
+        """(T,) probability that each track is there."""
+        total = np.zeros(len(self.tracks.ids))
+        for hypothesis in self.hypotheses:
+            total[list(hypothesis.tracks)] += np.exp(hypothesis.log_p)
+        return total
+
+
+class _Child(NamedTuple):
+    """What becomes of one hypothesis.
+
+    Attributes:
+        cost: negative logarithm of the probability, but for a constant.
+        parent: place of the hypothesis that it comes from.
+        columns: (M,) of each measurement: place of its track among the parent's, or that many and more: none.
+        flips: columns that are not what is likelier: of occluded and deleted, of new and false.
+    """
+
+    cost: float
+    parent: int
+    columns: np.ndarray
+    flips: Tuple[int, ...]
+
+
+class MultiHypothesisTracker:
+    """Grows and prunes a Forest; holds nothing that changes but counters.
+
+    Args:
+        config: see MhtConfig.
+    """
+
+    def __init__(self, config: MhtConfig) -> None:
+        self.config = config
+        self.counts: Counter = Counter()
+        self._log = {
+            False: np.log([config.p_detected, config.p_occluded, config.p_deleted]),
+            True: np.log([config.approved_p_detected, config.approved_p_occluded, config.approved_p_deleted]),
+        }
+        self._log_new, self._log_false = float(np.log(config.new_rate)), float(np.log(config.false_rate))
+
+    def predict(self, forest: Forest, duration_s: float) -> Forest:
+        """All tracks by constant velocity (3.1)."""
+        tracks = forest.tracks
+        if duration_s <= 0.0 or not len(tracks.ids):
+            return forest
+        transition = np.eye(4)
+        transition[0, 2] = transition[1, 3] = duration_s
+        spread = np.vstack([0.5 * duration_s**2 * np.eye(2), duration_s * np.eye(2)])
+        noise = self.config.acceleration_std**2 * spread @ spread.T
+        means, covariances = predict(tracks.means, tracks.covariances, transition, noise)
+        return forest._replace(tracks=tracks._replace(means=means, covariances=covariances))
+
+    def grow(
+        self,
+        forest: Forest,
+        stamp_ns: int,
+        positions: np.ndarray,
+        covariances: np.ndarray,
+        identities: np.ndarray,
+        approved: np.ndarray,
+        in_view: np.ndarray,
+    ) -> Forest:
+        """The best children of all hypotheses by eq. 15, pruned.
+
+        Args:
+            forest: predicted to the stamp.
+            stamp_ns: of the scan.
+            positions: (M, 2) legs, and their (M, 2, 2) covariances.
+            covariances: see positions.
+            identities: (M,) that tracks which begin with these measurements get.
+            approved: (T,) whether the track is a leg of a person.
+            in_view: (T,) whether the sensor looks there at all; else nothing is learned of the track.
+        """
+        tracks = forest.tracks
+        labels = np.where(approved[:, None], self._log[True], self._log[False])  # detected, occluded, deleted
+        labels[~in_view, 1:] = 0.0, -np.inf
+        innovations = positions[None] - tracks.means[:, None, :2]
+        spreads = tracks.covariances[:, None, :2, :2] + covariances[None]
+        log_pair = _log_densities(innovations, spreads, self.config.gate) + labels[:, :1]
+        children = self._children(forest, log_pair, labels, len(positions))
+        return self._pruned(self._with_tracks(forest, children, stamp_ns, positions, covariances, identities, labels))
+
+    def _children(self, forest: Forest, log_pair: np.ndarray, labels: np.ndarray, count: int) -> List[_Child]:
+        """The best over all parents."""
+        families = [
+            self._family(place, parent, log_pair, labels, count) for place, parent in enumerate(forest.hypotheses)
+        ]
+        best = list(islice(merge(*families), self.config.max_hypotheses + 1))
+        if len(best) > self.config.max_hypotheses:
+            self.counts["hypotheses shed: too many"] += 1
+        return [child for _, _, child in best[: self.config.max_hypotheses]]
+
+    def _family(
+        self, place: int, parent: Hypothesis, log_pair: np.ndarray, labels: np.ndarray, count: int
+    ) -> Iterator[Tuple[float, Tuple[int, int], _Child]]:
+        """Children of one hypothesis in order of cost.
+
+        Which measurement is of which track is an assignment. What is left to choose is independent of it: an
+        unassigned track is occluded or deleted, an unassigned measurement new or false. The likelier of both is part
+        of the assignment's cost, the other a flip.
+        """
+        rows = np.array(parent.tracks, dtype=int)
+        missed = -labels[rows, 1:].max(axis=1, initial=-np.inf)
+        own = -max(self._log_new, self._log_false)
+        costs = np.full((count, len(rows) + count), np.inf)
+        costs[:, : len(rows)] = -log_pair[rows].T - missed
+        costs[np.arange(count), len(rows) + np.arange(count)] = own
+        base = float(missed.sum()) - parent.log_p
+        flip_track = np.abs(labels[rows, 1] - labels[rows, 2])
+        flip_measurement = abs(self._log_new - self._log_false)
+
+        def choices(columns: np.ndarray) -> Iterator[Tuple[float, Tuple[int, ...]]]:
+            items = [column for column in range(len(rows)) if column not in columns]
+            items = [item for item in items if np.isfinite(flip_track[item])]
+            prices = [float(flip_track[item]) for item in items]
+            alone = [int(column) for column in columns if column >= len(rows)]
+            every = items + alone
+            prices += [flip_measurement] * len(alone)
+            return ((extra, tuple(every[item] for item in chosen)) for extra, chosen in ranked_subsets(prices))
+
+        ordered = with_choices(ranked_assignments(costs), choices)
+        for turn, (cost, columns, flips) in enumerate(ordered):
+            yield cost + base, (place, turn), _Child(cost + base, place, columns, flips)
+
+    def _with_tracks(
+        self,
+        forest: Forest,
+        children: List[_Child],
+        stamp_ns: int,
+        positions: np.ndarray,
+        covariances: np.ndarray,
+        identities: np.ndarray,
+        labels: np.ndarray,
+    ) -> Forest:
+        """Children as hypotheses over the tracks that they need, each of these made once."""
+        rows: Dict[Tuple[int, int], int] = {}  # (track or NONE, measurement or NONE) -> row of the new table
+        new_is_likelier = self._log_new > self._log_false
+        hypotheses: List[Hypothesis] = []
+        number = forest.next_hypothesis
+        for child in children:
+            parent = forest.hypotheses[child.parent]
+            count, flips = len(parent.tracks), set(child.flips)
+            measured = {int(column): place for place, column in enumerate(child.columns) if column < count}
+            members: List[int] = []
+            for column, track in enumerate(parent.tracks):
+                if column in measured:
+                    key = (track, measured[column])
+                elif (labels[track, 2] > labels[track, 1]) != (column in flips):
+                    continue  # deleted
+                else:
+                    key = (track, NONE)
+                members.append(rows.setdefault(key, len(rows)))
+            for place, column in enumerate(child.columns.tolist()):
+                if column >= count and new_is_likelier != (column in flips):
+                    members.append(rows.setdefault((NONE, place), len(rows)))
+            ancestors = (*parent.ancestors, number)[-self.config.scan_back - 1 :]
+            hypotheses.append(Hypothesis(-child.cost, tuple(members), ancestors))
+            number += 1
+        keys = np.array(list(rows), dtype=int).reshape(-1, 2)
+        tracks = self._tracks(forest.tracks, keys, stamp_ns, positions, covariances, identities)
+        return Forest(tracks, tuple(hypotheses), number)
+
+    def _tracks(
+        self,
+        old: LegTracks,
+        keys: np.ndarray,
+        stamp_ns: int,
+        positions: np.ndarray,
+        covariances: np.ndarray,
+        identities: np.ndarray,
+    ) -> LegTracks:
+        """A row for each (track, measurement): updated, left as it is, or new."""
+        track, measurement = keys.T
+        is_new, is_seen = track == NONE, measurement != NONE
+        count = len(keys)
+        means, spreads = np.zeros((count, 4)), np.zeros((count, 4, 4))
+        ids, born, seen = (np.zeros(count, dtype=np.int64) for _ in range(3))
+        kept = ~is_new
+        ids[kept], born[kept], seen[kept] = old.ids[track[kept]], old.born_ns[track[kept]], old.seen_ns[track[kept]]
+        means[kept], spreads[kept] = old.means[track[kept]], old.covariances[track[kept]]
+        matched = kept & is_seen
+        if matched.any():
+            noise = covariances[measurement[matched]]
+            innovation = positions[measurement[matched]] - means[matched, :2]
+            means[matched], spreads[matched] = update(
+                means[matched], spreads[matched], innovation, OBSERVATION, spreads[matched, :2, :2] + noise
+            )
+        if is_new.any():
+            ids[is_new], born[is_new] = identities[measurement[is_new]], stamp_ns
+            means[is_new, :2] = positions[measurement[is_new]]
+            spreads[is_new, :2, :2] = covariances[measurement[is_new]]
+            spreads[is_new, 2, 2] = spreads[is_new, 3, 3] = self.config.initial_speed_std**2
+        seen[is_seen] = stamp_ns
+        return LegTracks(ids, means, spreads, born, seen)
+
+    def _pruned(self, forest: Forest) -> Forest:
+        """Improbable hypotheses and all but one old branch are dropped, then what no hypothesis holds (3.3.2)."""
+        hypotheses = list(forest.hypotheses)
+        best = max(entry.log_p for entry in hypotheses)
+        with np.errstate(divide="ignore"):
+            least = best + np.log(self.config.min_ratio)
+        kept = [entry for entry in hypotheses if entry.log_p >= least]
+        if len(kept[0].ancestors) > self.config.scan_back:
+            masses: Dict[int, float] = {}
+            for entry in kept:
+                masses[entry.ancestors[0]] = masses.get(entry.ancestors[0], 0.0) + float(np.exp(entry.log_p - best))
+            root = max(masses, key=lambda name: (masses[name], -name))
+            kept = [entry for entry in kept if entry.ancestors[0] == root]
+        total = np.logaddexp.reduce([entry.log_p for entry in kept])
+        used = sorted({row for entry in kept for row in entry.tracks})
+        place = {row: index for index, row in enumerate(used)}
+        kept = [
+            Hypothesis(float(entry.log_p - total), tuple(place[row] for row in entry.tracks), entry.ancestors)
+            for entry in kept
+        ]
+        kept.sort(key=lambda entry: -entry.log_p)
+        return Forest(forest.tracks.take(np.array(used, dtype=int)), tuple(kept), forest.next_hypothesis)
+
+
+def _log_densities(innovations: np.ndarray, covariances: np.ndarray, gate: float) -> np.ndarray:
+    """(T, M) log N(z; z', S), minus infinity outside of the gate."""
+    a, b, c = covariances[..., 0, 0], covariances[..., 0, 1], covariances[..., 1, 1]
+    determinants = a * c - b * b
+    x, y = innovations[..., 0], innovations[..., 1]
+    distances = (c * x * x - 2.0 * b * x * y + a * y * y) / determinants
+    found: np.ndarray = -0.5 * (distances + np.log((2.0 * np.pi) ** 2 * determinants))
+    return np.where(distances <= gate, found, -np.inf)

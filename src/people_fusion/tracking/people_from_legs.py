@@ -1,0 +1,173 @@
+"""People as pairs of legs that are near each other and move alike (Arras et al. 2012, 3.3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Callable, Dict, List, NamedTuple, Optional, Set, Tuple
+
+import numpy as np
+
+from people_fusion.core.config import parameter
+from people_fusion.tracking.leg_hypotheses import LegTracks
+
+Pair = Tuple[int, int]  # identities of two legs, the lower first
+
+
+@dataclass(frozen=True)
+class PeopleConfig:
+    """When two legs are a person."""
+
+    leg_distance: float = parameter(0.75, "theta_d: legs farther apart are not one person's, metres", low=0.0)
+    window: int = parameter(10, "L: scans over which legs are compared, and for which a person outlives a leg", low=1)
+    agreement: float = parameter(
+        4.0, "theta_a: sum over the window of the cosine between both legs' ways from which they are a person"
+    )
+    least_way: float = parameter(0.25, "a leg that moved less over the window has no direction, metres", low=0.0)
+    half_step_std: float = parameter(0.15, "of a leg about the middle of the body, by axis, metres", low=1e-3)
+    half_swing_std: float = parameter(0.6, "of a leg's velocity about the body's, by axis, m/s", low=1e-3)
+    body_std: float = parameter(0.05, "of the body's middle about the middle of its legs, by axis, metres", low=0.0)
+
+
+class Person(NamedTuple):
+    """One person.
+
+    Attributes:
+        id: never given twice.
+        legs: identities of one or two legs.
+        amiss: scans for which a leg was missing or the legs too far apart.
+        born_ns: when it was validated.
+    """
+
+    id: int
+    legs: Tuple[int, ...]
+    amiss: int
+    born_ns: int
+
+
+class People(NamedTuple):
+    """All people, and what the last scans told of legs.
+
+    Attributes:
+        persons: who is there.
+        trails: positions of each leg over the window.
+        agreement: of each pair that is near: cosines between both legs' ways, over the window.
+    """
+
+    persons: Tuple[Person, ...]
+    trails: Dict[int, Tuple[Tuple[float, float], ...]]
+    agreement: Dict[Pair, Tuple[float, ...]]
+
+    @staticmethod
+    def nobody() -> People:
+        """Before the first scan."""
+        return People((), {}, {})
+
+    def approved(self, ids: np.ndarray) -> np.ndarray:
+        """(T,) whether leg tracks of these identities are a person's."""
+        return np.isin(ids, [leg for person in self.persons for leg in person.legs])
+
+
+def recognise(
+    people: People, legs: LegTracks, stamp_ns: int, config: PeopleConfig, identity: Callable[[Pair], int]
+) -> People:
+    """People after a scan.
+
+    Beyond the paper, where a person ends with either leg, the one that is left is kept for the window's length and
+    takes a free leg that appears beside it. And a leg's direction is that of its way over the window, not of its
+    velocity: of two legs that walk, one stands.
+
+    Args:
+        people: before the scan.
+        legs: tracks of the best hypothesis.
+        stamp_ns: of the scan.
+        config: thresholds.
+        identity: of a person who is first seen with these legs.
+    """
+    row = {leg: place for place, leg in enumerate(legs.ids.tolist())}
+    apart = np.hypot(*(legs.means[:, None, :2] - legs.means[None, :, :2]).transpose(2, 0, 1))
+    near = apart < config.leg_distance
+    trails = {
+        leg: (*people.trails.get(leg, ()), (x, y))[-config.window - 1 :]
+        for leg, (x, y) in zip(legs.ids.tolist(), legs.means[:, :2].tolist())
+    }
+    agreement = _agreement(people.agreement, legs, trails, near, config)
+    persons: List[Person] = []
+    taken: Set[int] = {leg for person in people.persons for leg in person.legs}
+    for person in people.persons:
+        left = tuple(leg for leg in person.legs if leg in row)
+        if len(left) == 2 and near[row[left[0]], row[left[1]]]:
+            persons.append(person._replace(legs=left, amiss=0))
+            continue
+        if len(left) == 1:
+            other = _free_leg(row[left[0]], legs, apart, near, taken)
+            if other is not None:
+                taken.add(other)
+                persons.append(person._replace(legs=(left[0], other), amiss=0))
+                continue
+        if left and person.amiss < config.window:
+            persons.append(person._replace(legs=left, amiss=person.amiss + 1))
+    taken = {leg for person in persons for leg in person.legs}
+    for pair in sorted(agreement, key=lambda entry: (-sum(agreement[entry]), entry)):
+        if sum(agreement[pair]) <= config.agreement:
+            break
+        if not taken.intersection(pair):
+            taken.update(pair)
+            persons.append(Person(identity(pair), pair, 0, stamp_ns))
+    return People(tuple(persons), trails, agreement)
+
+
+def bodies(people: People, legs: LegTracks, config: PeopleConfig) -> Tuple[np.ndarray, np.ndarray]:
+    """Means (P, 4) and covariances (P, 4, 4) of the people, whose legs are all in `legs`.
+
+    The paper takes the weighted mean of both legs; but that lies nearer to the leg that is known better, which is not
+    where the body is. Legs are at c + h + e_a and c - h + e_b, with the half step h ~ N(0, H): the best linear estimate
+    of c is their middle where both are known alike, and one leg with the covariance P + H where it is alone.
+    """
+    row = {leg: place for place, leg in enumerate(legs.ids.tolist())}
+    H = np.diag([config.half_step_std**2] * 2 + [config.half_swing_std**2] * 2)
+    means, covariances = np.zeros((len(people.persons), 4)), np.zeros((len(people.persons), 4, 4))
+    for place, person in enumerate(people.persons):
+        rows = [row[leg] for leg in person.legs]
+        mean, covariance = legs.means[rows[0]], legs.covariances[rows[0]] + H
+        if len(rows) == 2:
+            P, R = legs.covariances[rows]
+            a, b = legs.means[rows]
+            middle, half = 0.5 * (a + b), 0.5 * (a - b)
+            gain = 0.25 * (P - R) @ np.linalg.inv(H + 0.25 * (P + R))
+            mean, covariance = middle - gain @ half, 0.25 * (P + R) - gain @ (0.25 * (P - R))
+        means[place] = mean
+        covariances[place] = 0.5 * (covariance + covariance.T)
+        covariances[place, [0, 1], [0, 1]] += config.body_std**2
+    return means, covariances
+
+
+def _agreement(
+    before: Dict[Pair, Tuple[float, ...]],
+    legs: LegTracks,
+    trails: Dict[int, Tuple[Tuple[float, float], ...]],
+    near: np.ndarray,
+    config: PeopleConfig,
+) -> Dict[Pair, Tuple[float, ...]]:
+    """Cosines of the angle between both legs' ways, by pair that is near, over the window."""
+    starts = np.array([trails[leg][0] for leg in legs.ids.tolist()]).reshape(-1, 2)
+    ways = legs.means[:, :2] - starts
+    lengths = np.hypot(ways[:, 0], ways[:, 1])
+    directions = np.where((lengths > config.least_way)[:, None], ways / np.maximum(lengths, 1e-9)[:, None], 0.0)
+    cosines = directions @ directions.T
+    now: Dict[Pair, Tuple[float, ...]] = {}
+    for i, j in zip(*(rows.tolist() for rows in np.nonzero(np.triu(near, 1)))):
+        pair = (min(legs.ids[i], legs.ids[j]), max(legs.ids[i], legs.ids[j]))
+        key = (int(pair[0]), int(pair[1]))
+        now[key] = (*before.get(key, ()), float(cosines[i, j]))[-config.window :]
+    return now
+
+
+def _free_leg(
+    place: int, legs: LegTracks, apart: np.ndarray, near: np.ndarray, taken: Set[int]
+) -> Optional[int]:
+    """The nearest leg beside this one that belongs to nobody."""
+    beside = [other for other in np.flatnonzero(near[place]).tolist() if other != place]
+    free = [other for other in beside if int(legs.ids[other]) not in taken]
+    if not free:
+        return None
+    return int(legs.ids[min(free, key=lambda other: (float(apart[place, other]), other))])

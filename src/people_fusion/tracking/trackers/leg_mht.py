@@ -1,0 +1,165 @@
+"""People by their legs: a multi-hypothesis tracker of legs with adaptive occlusion (Arras et al. 2012, 3)."""
+
+from __future__ import annotations
+
+from collections import Counter, OrderedDict
+from dataclasses import dataclass
+from typing import Dict, Hashable, List, NamedTuple, Optional
+
+import numpy as np
+
+from people_fusion.core.config import parameter, section
+from people_fusion.core.measurements import Measurement
+from people_fusion.core.tracks import Tracks
+from people_fusion.tracking.leg_hypotheses import Forest, LegTracks, MhtConfig, MultiHypothesisTracker
+from people_fusion.tracking.people_from_legs import People, PeopleConfig, bodies, recognise
+from people_fusion.tracking.tracker import TRACKERS, Tracker
+
+IDENTITIES_REMEMBERED = 4096
+
+
+@dataclass(frozen=True)
+class LegMhtConfig:
+    """The leg tracker and what makes people of legs."""
+
+    mht: MhtConfig = section(MhtConfig, "hypotheses about legs")
+    people: PeopleConfig = section(PeopleConfig, "when two legs are a person")
+    adaptive: bool = parameter(True, "legs of a person have probabilities of their own (Arras et al. 2012, 3.3.1)")
+    leg_std: float = parameter(0.04, "of a leg's measured middle, by axis, metres", low=1e-3)
+    head_height: float = parameter(1.5, "of heads, which a laser does not see, metres", low=0.0)
+    head_height_std: float = parameter(0.3, "its uncertainty, metres", low=0.0)
+
+
+class _State(NamedTuple):
+    stamp_ns: Optional[int]
+    forest: Forest
+    people: People
+
+
+@TRACKERS.register("leg_mht", LegMhtConfig)
+class LegMht(Tracker):
+    """Takes the legs of measurements and nothing else; what is late is taken as of now, with the noise of its age."""
+
+    def __init__(self, config: LegMhtConfig) -> None:
+        self.config = config
+        self._mht = MultiHypothesisTracker(config.mht)
+        self._identities: OrderedDict[Hashable, int] = OrderedDict()
+        self._next_id = 1
+        self._counts: Counter = Counter()
+        self._state = _State(None, Forest.seed(), People.nobody())
+
+    @property
+    def stamp_ns(self) -> Optional[int]:
+        """See Tracker."""
+        return self._state.stamp_ns
+
+    @property
+    def legs(self) -> LegTracks:
+        """Leg tracks of the best hypothesis."""
+        forest = self._state.forest
+        return forest.tracks.take(np.array(forest.hypotheses[0].tracks, dtype=int))
+
+    def process(self, measurement: Measurement) -> None:
+        """See Tracker."""
+        before = self._state.stamp_ns
+        elapsed_s = 0.0 if before is None else (measurement.stamp_ns - before) / 1e9
+        age_s = max(-elapsed_s, 0.0)
+        if age_s:
+            self._counts["measurements predicted forward"] += 1
+        stamp_ns = measurement.stamp_ns if before is None else max(before, measurement.stamp_ns)
+        forest = self._mht.predict(self._state.forest, elapsed_s)
+        positions = measurement.legs[np.isfinite(measurement.legs).all(axis=1)]
+        variance = self.config.leg_std**2 + (age_s * self.config.mht.initial_speed_std) ** 2
+        people = self._state.people
+        ids = forest.tracks.ids
+        approved = people.approved(ids) if self.config.adaptive else np.zeros(len(ids), dtype=bool)
+        forest = self._mht.grow(
+            forest,
+            stamp_ns,
+            positions,
+            np.tile(variance * np.eye(2), (len(positions), 1, 1)),
+            np.array([self._identity((*measurement.order, row)) for row in range(len(positions))], dtype=np.int64),
+            approved,
+            _in_view(measurement, forest.tracks.means[:, :2]),
+        )
+        legs = forest.tracks.take(np.array(forest.hypotheses[0].tracks, dtype=int))
+        people = recognise(people, legs, stamp_ns, self.config.people, self._identity)
+        self._state = _State(stamp_ns, forest, people)
+
+    def tracks(self, stamp_ns: Optional[int] = None) -> Tracks:
+        """See Tracker."""
+        now = self._state.stamp_ns
+        if now is None:
+            now = stamp_ns or 0
+        forest, people = self._state.forest, self._state.people
+        if stamp_ns is not None and stamp_ns > now:
+            forest = self._mht.predict(forest, (stamp_ns - now) / 1e9)
+        legs = forest.tracks.take(np.array(forest.hypotheses[0].tracks, dtype=int))
+        planar, spreads = bodies(people, legs, self.config.people)
+        count = len(people.persons)
+        means, covariances = np.zeros((count, 5)), np.zeros((count, 5, 5))
+        planes = np.array([0, 1, 3, 4])
+        means[:, planes], means[:, 2] = planar, self.config.head_height
+        covariances[:, planes[:, None], planes] = spreads
+        covariances[:, 2, 2] = self.config.head_height_std**2
+        marginals = dict(zip(forest.tracks.ids.tolist(), self._marginals(forest)))
+        seen = {leg: stamp == self._state.stamp_ns for leg, stamp in zip(legs.ids.tolist(), legs.seen_ns.tolist())}
+        matched = np.array([any(seen[leg] for leg in person.legs) for person in people.persons], dtype=bool)
+        return Tracks(
+            stamp_ns=max(now, stamp_ns or now),
+            frame_id="",
+            ids=np.array([person.id for person in people.persons], dtype=np.int64),
+            means=means,
+            covariances=covariances,
+            existence=np.array([max(marginals[leg] for leg in person.legs) for person in people.persons]),
+            confirmed=np.ones(count, dtype=bool),
+            matched=matched,
+            occluded=~matched,
+            ages_s=np.array([(now - person.born_ns) / 1e9 for person in people.persons]),
+        )
+
+    def snapshot(self) -> object:
+        """See Tracker."""
+        return self._state
+
+    def restore(self, snapshot: object) -> None:
+        """See Tracker."""
+        assert isinstance(snapshot, _State)
+        self._state = snapshot
+
+    def reset(self) -> None:
+        """See Tracker."""
+        self._state = _State(None, Forest.seed(), People.nobody())
+        self._identities.clear()
+
+    def counters(self) -> Dict[str, int]:
+        """See Tracker."""
+        return {**self._counts, **self._mht.counts}
+
+    def _marginals(self, forest: Forest) -> List[float]:
+        """Probability that the leg of each track is there, summed over the tracks of one leg."""
+        total: Dict[int, float] = {}
+        for leg, share in zip(forest.tracks.ids.tolist(), forest.marginals().tolist()):
+            total[leg] = total.get(leg, 0.0) + share
+        return [min(total[leg], 1.0) for leg in forest.tracks.ids.tolist()]
+
+    def _identity(self, key: Hashable) -> int:
+        """The same beginning gets the same identity, however often it is reprocessed."""
+        if key not in self._identities:
+            self._identities[key] = self._next_id
+            self._next_id += 1
+            if len(self._identities) > IDENTITIES_REMEMBERED:
+                self._identities.popitem(last=False)
+        return self._identities[key]
+
+
+def _in_view(measurement: Measurement, points: np.ndarray) -> np.ndarray:
+    """(T,) whether the sensor looks where these points (T, 2) are; everywhere where it does not tell."""
+    sight = measurement.sight
+    if sight is None or not len(points):
+        return np.ones(len(points), dtype=bool)
+    offset = points - sight.position
+    bearing = np.arctan2(offset[:, 1], offset[:, 0]) - sight.yaw - sight.angle_min
+    turned = bearing * np.sign(sight.angle_increment) % (2.0 * np.pi)
+    within = turned <= abs(sight.angle_increment) * (len(sight.ranges) - 1)
+    return np.asarray(within & (np.hypot(offset[:, 0], offset[:, 1]) <= sight.range_max))
