@@ -17,11 +17,12 @@ from people_fusion.core.scans import Scan
 from people_fusion.core.stamps import to_seconds
 from people_fusion.core.transforms import FramesConfig, TransformSource
 from people_fusion.cues.cue import CUES, Cue, TransformRequest
-from people_fusion.cues.legs import beams, clusters, shapes
+from people_fusion.cues.legs import beams, clusters, map_fit, shapes
 
 PERIODS_REMEMBERED = 11
 UNKNOWN_PERIOD_S = 0.1
 LEG_WIDTH = 0.1  # metres, for the distance at which beams are too far apart to tell a leg
+DISCERNIBLE_POINTS = 6  # in fewer, two legs may have no dent between
 TINY = 1e-6  # metres, against a division by zero
 ARC_DEPTH = math.pi / 4.0  # mean depth of a half circle seen from afar, in radii
 
@@ -31,13 +32,14 @@ class LegCueConfig:
     """The leg cue; the defaults are the paper's, what goes beyond it is off."""
 
     deskew: bool = parameter(True, "project each beam with the pose of its own instant where `time_increment` is given")
+    map_fit: bool = parameter(False, "correct the pose by what is seen of the map before telling what the map explains")
     map_dilation: float = parameter(0.2, "what is this close to an obstacle of the map is background, metres", 0.0, 2.0)
     map_doubt: float = parameter(0.0, "legs this close to an obstacle of the map may be part of it, metres", 0.0, 2.0)
     map_doubt_per_metre: float = parameter(
         0.0, "so much more for each metre from the scanner, where an error of the robot's heading weighs", 0.0, 1.0
     )
     map_doubt_stds: float = parameter(
-        0.0, "so many standard deviations of the localisation more, as far as it tells its covariance", 0.0, 10.0
+        0.0, "so many standard deviations of the pose more, as far as the localisation tells its covariance", 0.0, 10.0
     )
     doubtful_confidence: float = parameter(0.0, "that legs that may be part of the map are a person", 0.0, 1.0)
     map_occupied: int = parameter(OCCUPIED_THRESHOLD, "occupancy from which a cell of the map is an obstacle", 1, 100)
@@ -89,14 +91,14 @@ class LegCueConfig:
 
 
 class _Legs(NamedTuple):
-    """Points (P, 2) that are of legs with their leg (P,); the legs (L,) with their clearance from the map and whether
-    they are part of one wide piece."""
+    """Points (P, 2) that are of legs with their leg (P,); the legs (L,), whether an obstacle of the map may be what was
+    seen of them and whether they are one wide piece."""
 
     points: np.ndarray
     labels: np.ndarray
     centres: np.ndarray
     groups: np.ndarray
-    clearances: np.ndarray
+    doubtful: np.ndarray
     one_piece: np.ndarray
 
 
@@ -141,8 +143,8 @@ class LegCue(Cue):
 
     def measure(self, data: Scan, transforms: Optional[TransformSource]) -> Measurement:
         ranges = beams.check(data)
-        points, hits, background, clearances = self._points(data, ranges, transforms)
-        legs = self._legs(points, hits, clearances, data, ranges)
+        points, hits, background, doubtful = self._points(data, ranges, transforms)
+        legs = self._legs(points, hits, doubtful, data, ranges)
         owners = self._owners(legs)
         positions, covariances, paired = self._people(legs, owners, abs(data.angle_increment))
         period_s = self._note_stamp(data)
@@ -169,13 +171,13 @@ class LegCue(Cue):
         self, scan: Scan, ranges: np.ndarray, transforms: Optional[TransformSource]
     ) -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Points (N, 2) of the scanner's frame that no map explains, the indices (N,) of their beams, those of the
-        beams that the map explains, and how far the points are from what the map holds (N,), metres."""
+        beams that the map explains, and which points (N,) an obstacle of the map might be."""
         hits = np.flatnonzero(beams.hits(ranges, scan.range_min, min(scan.range_max, self.config.max_range)))
         points = ranges[hits, None] * self._directions.of(scan)[hits]
         background = np.zeros(0, dtype=int)
-        clearances = np.full(len(points), np.inf)
+        doubtful = np.zeros(len(points), dtype=bool)
         if transforms is None:
-            return points, hits, background, clearances
+            return points, hits, background, doubtful
         duration_ns = beams.duration_ns(scan)
         if self.config.deskew and duration_ns:
             fixed = self.frames.odom or self.frames.world
@@ -184,21 +186,30 @@ class LegCue(Cue):
             points = beams.straighten(points, hits / (len(ranges) - 1), first, last)
         if self._grid is not None:
             map_from_sensor = transforms.lookup(self._grid.frame_id, scan.frame_id, scan.stamp_ns)
-            points_map = map_from_sensor.apply(np.column_stack([points, np.zeros(len(points))]))
+            points_map = map_from_sensor.apply(np.column_stack([points, np.zeros(len(points))]))[:, :2]
+            origin, covariance = map_from_sensor.translation[:2], map_fit.planar(self._localisation)
+            if self.config.map_fit:
+                points_map, covariance = map_fit.corrected(
+                    points_map, origin, self._localisation, self._grid, self.config.map_occupied
+                )
             clearances = self._grid.clearances(points_map, self.config.map_occupied)
+            doubtful = clearances <= self._doubt(points_map - origin, covariance)
             explained = clearances <= self.config.map_dilation + ROUND_OFF
             background = hits[explained]
-            points, hits, clearances = points[~explained], hits[~explained], clearances[~explained]
-        return points, hits, background, clearances
+            points, hits, doubtful = points[~explained], hits[~explained], doubtful[~explained]
+        return points, hits, background, doubtful
 
     def _legs(
-        self, points: np.ndarray, hits: np.ndarray, clearances: np.ndarray, scan: Scan, ranges: np.ndarray
+        self, points: np.ndarray, hits: np.ndarray, doubtful: np.ndarray, scan: Scan, ranges: np.ndarray
     ) -> _Legs:
         config = self.config
-        kept, one_piece = self._segments(points, hits, scan, ranges)
-        points, hits, clearances, one_piece = points[kept], hits[kept], clearances[kept], one_piece[kept]
+        kept, whole = self._segments(points, hits, scan, ranges)
+        points, hits, doubtful, whole = points[kept], hits[kept], doubtful[kept], whole[kept]
         groups = clusters.single_linkage(points, config.group_gap)
         legs = clusters.complete_linkage(points, config.leg_diameter)
+        one_piece = whole >= 0
+        if one_piece.any():
+            legs = clusters.relabel(np.where(one_piece, legs.max() + 1 + whole, legs))
         good = np.bincount(legs) >= config.min_leg_points
         if config.min_leg_width:
             found = np.where(beams.hits(ranges, scan.range_min, scan.range_max), ranges, np.nan)
@@ -207,7 +218,7 @@ class LegCue(Cue):
         if not good.all():
             kept = good[legs]
             points, groups, legs = points[kept], groups[kept], clusters.relabel(legs[kept])
-            clearances, one_piece = clearances[kept], one_piece[kept]
+            doubtful, one_piece = doubtful[kept], one_piece[kept]
         if not len(legs):
             nothing = np.zeros(0)
             return _Legs(points, legs, np.zeros((0, 2)), np.zeros(0, dtype=int), nothing, nothing.astype(bool))
@@ -216,16 +227,17 @@ class LegCue(Cue):
             distances = np.maximum(np.hypot(centres[:, 0], centres[:, 1]), TINY)
             centres *= 1.0 + ARC_DEPTH * config.leg_radius / distances[:, None]
         first = np.unique(legs, return_index=True)[1]
-        return _Legs(points, legs, centres, groups[first], clusters.least(clearances, legs), one_piece[first])
+        one_piece = one_piece[first] & (np.bincount(legs) >= DISCERNIBLE_POINTS)
+        return _Legs(points, legs, centres, groups[first], np.bincount(legs, doubtful) > 0, one_piece)
 
     def _segments(
         self, points: np.ndarray, hits: np.ndarray, scan: Scan, ranges: np.ndarray
     ) -> Tuple[np.ndarray, np.ndarray]:
-        """Two times (N,) bool: the points in segments that are neither noise nor, if so configured, walls; and those in
-        segments that are too wide for one leg and are not two."""
+        """(N,) bool, the points in segments that are neither noise nor, if so configured, walls; and (N,) the segment of
+        those in one wide piece, -1 for all others."""
         config = self.config
         if not len(points):
-            return np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)
+            return np.zeros(0, dtype=bool), np.zeros(0, dtype=int)
         neighbours = clusters.NO_PAIRS
         if config.segment_gap_beams:
             spacings = np.minimum(ranges[hits[:-1]], ranges[hits[1:]]) * abs(scan.angle_increment)
@@ -243,7 +255,7 @@ class LegCue(Cue):
         one_piece = np.zeros(len(good), dtype=bool)
         if math.isfinite(config.max_leg_width):
             one_piece = shapes.one_piece(points, segments, config.max_leg_width, config.leg_dent)
-        return good[segments], one_piece[segments]
+        return good[segments], np.where(one_piece[segments], segments, -1)
 
     def _stands_out(self, segments: np.ndarray, hits: np.ndarray, scan: Scan, ranges: np.ndarray) -> np.ndarray:
         """(S,) bool, segments whose neighbouring beams on both sides end at another depth, on one side farther away.
@@ -322,17 +334,16 @@ class LegCue(Cue):
         confidences = np.where(paired, config.pair_confidence, config.single_confidence)
         one_piece = np.bincount(owners, legs.one_piece, len(confidences)) > 0
         confidences = np.where(one_piece, np.minimum(confidences, config.one_piece_confidence), confidences)
-        if len(confidences) and self._grid is not None:
-            near = clusters.least(legs.clearances - self._doubt(legs.centres), owners) <= 0.0
-            confidences = np.where(near, np.minimum(confidences, config.doubtful_confidence), confidences)
+        doubtful = np.bincount(owners, legs.doubtful, len(confidences)) > 0
+        confidences = np.where(doubtful, np.minimum(confidences, config.doubtful_confidence), confidences)
         return confidences
 
-    def _doubt(self, centres: np.ndarray) -> np.ndarray:
-        """(L,) metres from an obstacle of the map within which it could be what was seen at `centres` (L, 2)."""
-        config, distances_squared = self.config, np.sum(centres**2, axis=1)
-        turned, moved = self._localisation[5, 5], (self._localisation[0, 0] + self._localisation[1, 1]) / 2.0
-        std = np.sqrt(moved + turned * distances_squared)  # of a point that the robot sees, across the beam
-        return config.map_doubt + config.map_doubt_per_metre * np.sqrt(distances_squared) + config.map_doubt_stds * std
+    def _doubt(self, arms: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+        """(N,) metres from an obstacle of the map within which it may be what was seen `arms` (N, 2) from the scanner,
+        whose pose has the covariance (3, 3)."""
+        config = self.config
+        doubt = config.map_doubt + config.map_doubt_per_metre * np.hypot(arms[:, 0], arms[:, 1])
+        return doubt + config.map_doubt_stds * np.sqrt(map_fit.variances(arms, covariance))
 
     def _note_stamp(self, scan: Scan) -> float:
         """Take notice of a stamp, and the median period of the last scans; stamps that do not advance say nothing."""

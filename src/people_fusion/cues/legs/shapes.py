@@ -8,7 +8,7 @@ import numpy as np
 
 from people_fusion.cues.legs import clusters
 
-FEWEST_POINTS = 6  # in which a dent could be seen
+FEWEST_POINTS = 4  # in which there could be a dent
 
 
 def widest(labels: np.ndarray, hits: np.ndarray, ranges: np.ndarray, increment: float, step: float) -> np.ndarray:
