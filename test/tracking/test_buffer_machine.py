@@ -285,7 +285,8 @@ class BufferMachine(RuleBasedStateMachine):
 def test_lives_of_cues():
     run_state_machine_as_test(
         BufferMachine,
-        settings=settings(max_examples=500, stateful_step_count=30, deadline=None, suppress_health_check=list(HealthCheck)
+        settings=settings(
+            max_examples=500, stateful_step_count=30, deadline=None, suppress_health_check=list(HealthCheck)
         ),
     )
 

@@ -36,7 +36,9 @@ class BufferConfig:
     horizon_s: float = parameter(1.0, "what is later than this is dropped, seconds", low=0.0)
     capacity: int = parameter(256, "most measurements that wait, and most snapshots that are kept", low=1)
     replays_per_s: int = parameter(1000, "reprocessing more measurements than this in a second is shed", low=1)
-    ahead_s: float = parameter(1.0, "a stamp that is farther ahead of the clock is refused, seconds", low=0.0)
+    ahead_s: float = parameter(
+        0.3, "a stamp that is farther ahead of the clock is refused; nearer, it waits for its time, seconds", low=0.0
+    )
     cues: Tuple[str, ...] = parameter((), "cues that are waited for from the start; others by their first message")
 
 
@@ -80,7 +82,7 @@ class BufferPolicy:
         self.roster.expire(now_ns)
         released: List[Measurement] = []
         forced = self._forced(now_ns)
-        while self._held and (forced > 0 or self._is_late() or self._may_go(self._held[0], now_ns)):
+        while self._held and (forced > 0 or self._is_late() or self._is_due(now_ns)):
             forced -= 1
             released += self._release()
         return released
@@ -90,6 +92,7 @@ class BufferPolicy:
         if not self._held:
             return None
         ends = [min(self._since_ns) + self._patience_ns, *self.roster.changes_ns(), *self._changes_ns()]
+        ends.append(self._held[0].stamp_ns - 1)
         return min((end + 1 - now_ns for end in ends if end >= now_ns), default=0)
 
     @property
@@ -125,6 +128,10 @@ class BufferPolicy:
         if too_many > 0:
             self._count("released early: too many waited", too_many)
         return max(impatient[-1] + 1 if impatient else 0, too_many)
+
+    def _is_due(self, now_ns: int) -> bool:
+        oldest = self._held[0]
+        return oldest.stamp_ns <= now_ns and self._may_go(oldest, now_ns)
 
     def _is_late(self) -> bool:
         return self._newest_ns is not None and self._orders[0][0] < self._newest_ns

@@ -1,7 +1,7 @@
 """Which cues there are, what each has announced, and which of them are worth waiting for.
 
-A cue that is silent, announces without delivering, delivers without announcing, restarts, floods, repeats itself or
-stamps into the future neither stalls nor misleads the others; each such event is counted under the cue's name.
+A cue that is silent or slow, announces without delivering, delivers without announcing, restarts, floods, repeats itself
+or stamps into the future neither stalls nor misleads the others; each such event is counted under the cue's name.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from people_fusion.core.stamps import from_seconds, to_seconds
 INTERVALS = 9  # of stamps, by which a cue's period is estimated
 KNOWN_AFTER = 3  # intervals
 SOONEST = 0.8  # of the shortest interval: the next stamp is not nearer
-OVERDUE = 1.5  # periods after which a cue is not waited for until it is heard again
+OVERDUE = 1.5  # periods after which a cue is not waited for until it is heard again, one and the patience at most
 MOST_CUES = 64
 REMEMBERED = 256  # stamps a cue, to know what it repeats
 
@@ -27,15 +27,19 @@ class Member:
     Attributes:
         newest_ns: newest stamp that it told of; None before the first.
         heard_ns: when it was last heard of.
+        lag_ns: how old its last message was when it told of it.
         pending: announced and neither delivered nor withdrawn: order -> when it was announced.
         stalled: it has let an announcement expire and not delivered in time since.
+        withdrew: nothing comes of the last message that it told of.
     """
 
     def __init__(self, heard_ns: Optional[int] = None) -> None:
         self.newest_ns: Optional[int] = None
         self.heard_ns = heard_ns
+        self.lag_ns = 0
         self.pending: OrderedDict[Order, int] = OrderedDict()
         self.stalled = False
+        self.withdrew = False
         self.announces = False
         self.sequence = -1
         self.delivered: OrderedDict[int, None] = OrderedDict()
@@ -62,6 +66,8 @@ class Member:
             self._intervals.append(stamp_ns - self.newest_ns)
         self.newest_ns = stamp_ns if self.newest_ns is None else max(self.newest_ns, stamp_ns)
         self.heard_ns = now_ns
+        self.lag_ns = now_ns - stamp_ns
+        self.withdrew = False
 
 
 class Roster:
@@ -92,16 +98,17 @@ class Roster:
         if announcement.withdrawn:
             if cue in self.members:
                 self.members[cue].pending.pop(order, None)
+                self.members[cue].withdrew = not self.members[cue].pending
             return
         if not self._plausible(cue, announcement.stamp_ns, now_ns):
             return
         member = self._member(cue, now_ns)
         if order in member.pending or announcement.stamp_ns in member.delivered:
-            self._count(cue, "announced twice")
+            self._count(cue, "announced twice" if order in member.pending else "announced after it was delivered")
             return
         self._watch_sequence(cue, member, announcement)
         member.announces = True
-        member.tell(announcement.stamp_ns, now_ns)
+        self._tell(cue, member, announcement.stamp_ns, now_ns)
         member.pending[order] = now_ns
         if len(member.pending) > self._capacity:
             member.pending.popitem(last=False)
@@ -127,7 +134,7 @@ class Roster:
         else:
             if member.announces:
                 self._count(cue, "delivered without announcing")
-            member.tell(measurement.stamp_ns, now_ns)
+            self._tell(cue, member, measurement.stamp_ns, now_ns)
         _remember(member.delivered, measurement.stamp_ns)
         return True
 
@@ -148,7 +155,7 @@ class Roster:
     def awaited(self, cue: str, now_ns: int) -> bool:
         """Whether this cue's next message is worth waiting for."""
         member = self.members[cue]
-        return not member.stalled and now_ns <= self._overdue_ns(member)
+        return not member.stalled and member.lag_ns <= self._patience_ns and now_ns <= self._overdue_ns(member)
 
     def changes_ns(self) -> List[int]:
         """Times at which an announcement expires or a cue ceases to be waited for."""
@@ -173,7 +180,14 @@ class Roster:
     def _overdue_ns(self, member: Member) -> int:
         assert member.heard_ns is not None
         period_ns = member.period_ns
-        return member.heard_ns + (self._patience_ns if period_ns is None else int(OVERDUE * period_ns))
+        if period_ns is None:
+            return member.heard_ns + self._patience_ns
+        return member.heard_ns + min(int(OVERDUE * period_ns), period_ns + self._patience_ns)
+
+    def _tell(self, cue: str, member: Member, stamp_ns: int, now_ns: int) -> None:
+        member.tell(stamp_ns, now_ns)
+        if member.lag_ns > self._patience_ns:
+            self._count(cue, "older than the patience when first heard of")
 
     def _member(self, cue: str, now_ns: int) -> Member:
         return self.members.setdefault(cue, Member(now_ns))
@@ -189,7 +203,7 @@ class Roster:
 
     def _watch_sequence(self, cue: str, member: Member, announcement: Announcement) -> None:
         newer = member.newest_ns is None or announcement.stamp_ns > member.newest_ns
-        if newer and announcement.sequence <= member.sequence:
+        if newer and announcement.sequence < member.sequence:
             self._count(cue, "restarted")
             member.pending.clear()
         elif newer and member.sequence >= 0 and announcement.sequence > member.sequence + 1:

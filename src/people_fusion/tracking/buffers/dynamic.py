@@ -19,4 +19,7 @@ class Dynamic(BufferPolicy):
 
     def _may_go(self, oldest: Measurement, now_ns: int) -> bool:  # noqa: ARG002
         waiting = {measurement.cue for measurement in self._held}
-        return all(cue in waiting or not self.roster.awaited(cue, now_ns) for cue in self.roster.members)
+        return all(
+            cue in waiting or member.withdrew or not self.roster.awaited(cue, now_ns)
+            for cue, member in self.roster.members.items()
+        )
