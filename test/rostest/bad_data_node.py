@@ -102,6 +102,20 @@ class BadData(unittest.TestCase):
             self.assert_counted("leg_cue", reason)
         self.assert_tracked()
 
+    def test_a_scan_that_is_stamped_a_year_off_does_not_reset_the_tracks(self) -> None:
+        self.assert_tracked()
+        identities = {person.track_id for person in self.listener.messages[-1].tracks}
+        for years in (1, -1):
+            scan = good_scan()
+            scan.header.stamp += rospy.Duration.from_sec(years * 3.15e7)
+            self.scans.publish(scan)
+            rospy.sleep(PERIOD_S)
+        self.assert_tracked()
+        self.assertEqual(identities & {person.track_id for person in self.listener.messages[-1].tracks}, identities)
+        rospy.sleep(1.2)  # for the next diagnostics
+        self.assertEqual(self.diagnostics.count("leg_cue", "time jumps"), 0)
+        self.assertEqual(self.diagnostics.count("people_tracker", "time jumps"), 0)
+
     def test_broken_detections_are_counted_by_reason(self) -> None:
         self.foreign.publish(detections(variance=-1.0))
         self.assert_counted("people_tracker", "detection's covariance has a negative variance")
