@@ -126,14 +126,8 @@ class Fusion:
 
     def preview(self, stamp_ns: Optional[int] = None) -> Tracks:
         """Tracks as `tracks` gives them, with what still waits in the buffer processed; to be revised."""
-        tracker = self.tracker
-        settled = tracker.snapshot()
-        for measurement in self.buffer.held:
-            tracker.process(measurement)
-        try:
+        with self._past.ahead(self.buffer.held):
             return self.tracks(stamp_ns)
-        finally:
-            tracker.restore(settled)
 
     def tracks(self, stamp_ns: Optional[int] = None) -> Tracks:
         """All tracks in the world frame, at the tracker's stamp or predicted to a later one."""

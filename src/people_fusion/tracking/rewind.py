@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import bisect
 from collections import Counter, deque
-from typing import Any, Deque, Dict, List, Tuple
+from contextlib import contextmanager
+from typing import Any, Deque, Dict, Iterable, Iterator, List, Optional, Tuple
 
 from people_fusion.core.measurements import Measurement, Order
 from people_fusion.core.stamps import NANOSECONDS, from_seconds
 from people_fusion.tracking.buffer import BufferConfig
 from people_fusion.tracking.tracker import Tracker
+
+_Mark = Tuple[Any, Dict[str, int]]  # the tracker's snapshot and counters
 
 
 class Rewind:
@@ -26,12 +29,13 @@ class Rewind:
         self._tracker, self._config = tracker, config
         self._horizon_ns = from_seconds(config.horizon_s)
         self._counts: Counter = Counter()
+        self._undone: Counter = Counter()  # what the tracker counted in what it went back from
         self._start()
 
     @property
     def tracker(self) -> Tracker:
         """The tracker with everything processed."""
-        self._settle()
+        self._settle(len(self._history))
         return self._tracker
 
     def process(self, measurement: Measurement) -> bool:
@@ -40,7 +44,7 @@ class Rewind:
             self._tracker.process(measurement)
             return True
         place = bisect.bisect_right(self._orders, measurement.order)
-        if place == 0 and self._forgot:
+        if self._forgotten is not None and measurement.order < self._forgotten:
             self._counts["late measurements dropped: beyond the memory"] += 1
             return False
         if place < self._settled:
@@ -48,12 +52,24 @@ class Rewind:
                 self._counts["late measurements shed: reprocessing is over its budget"] += 1
                 return False
             self._counts["late measurements reprocessed"] += 1
-            self._tracker.restore(self._before[place])
+            self._go_back(self._before[place])
             del self._before[place:]
         self._orders.insert(place, measurement.order)
         self._history.insert(place, measurement)
         self._forget()
         return True
+
+    @contextmanager
+    def ahead(self, measurements: Iterable[Measurement]) -> Iterator[None]:
+        """Within it the tracker has processed these, too; afterwards nothing but the identities they began is left."""
+        tracker = self.tracker
+        now = self._mark()
+        try:
+            for measurement in measurements:
+                tracker.process(measurement)
+            yield
+        finally:
+            self._go_back(now)
 
     def reset(self) -> None:
         """Forget the past; the tracker is reset, too."""
@@ -61,24 +77,35 @@ class Rewind:
         self._start()
 
     def counters(self) -> Dict[str, int]:
-        """Events since the start, by name."""
-        return {**self._counts, **self._tracker.counters()}
+        """Events since the start, by name; of what is processed again the last time counts."""
+        tracked = Counter(self._tracker.counters())
+        tracked.subtract(self._undone)
+        return {**self._counts, **{event: times for event, times in tracked.items() if times}}
 
     def _start(self) -> None:
         self._orders: List[Order] = []
         self._history: List[Measurement] = []
-        self._before: List[Any] = []  # snapshots before those entries of the history that are processed
-        self._forgot = False
+        self._before: List[_Mark] = []  # the tracker before those entries of the history that are processed
+        self._forgotten: Optional[Order] = None  # the newest that was processed for good
         self._replayed: Deque[Tuple[int, int]] = deque()  # newest stamp then, measurements processed again
 
     @property
     def _settled(self) -> int:
         return len(self._before)
 
-    def _settle(self) -> None:
-        for measurement in self._history[self._settled :]:
-            self._before.append(self._tracker.snapshot())
+    def _settle(self, count: int) -> None:
+        for measurement in self._history[self._settled : count]:
+            self._before.append(self._mark())
             self._tracker.process(measurement)
+
+    def _mark(self) -> _Mark:
+        return self._tracker.snapshot(), self._tracker.counters()
+
+    def _go_back(self, mark: _Mark) -> None:
+        snapshot, counts = mark
+        self._undone.update(self._tracker.counters())
+        self._undone.subtract(counts)
+        self._tracker.restore(snapshot)
 
     def _affordable(self, replays: int) -> bool:
         newest_ns = self._orders[-1][0]
@@ -93,6 +120,6 @@ class Rewind:
         keep_from = bisect.bisect_left(self._orders, (self._orders[-1][0] - self._horizon_ns, "", -1))
         keep_from = max(keep_from, len(self._orders) - self._config.capacity)
         if keep_from > 0:
-            self._settle()
+            self._settle(keep_from)
+            self._forgotten = self._orders[keep_from - 1]
             del self._orders[:keep_from], self._history[:keep_from], self._before[:keep_from]
-            self._forgot = True

@@ -1,7 +1,7 @@
 """Which cues there are, what each has announced, and which of them are worth waiting for.
 
-A cue that is silent or slow, announces without delivering, delivers without announcing, restarts, floods, repeats itself
-or stamps into the future neither stalls nor misleads the others; each such event is counted under the cue's name.
+A cue that is silent or slow, announces without delivering, delivers without announcing, restarts, floods, repeats
+itself or stamps into the future neither stalls nor misleads the others; each such event is counted under its name.
 """
 
 from __future__ import annotations
