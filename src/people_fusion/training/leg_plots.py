@@ -22,7 +22,7 @@ def plot_roc(curves: Mapping[str, Tuple[np.ndarray, np.ndarray, float]], path: P
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     for name, (false, true, area) in curves.items():
-        axes.plot(np.maximum(false, 1e-4), true, label=f"{name} ({area:.3f})", drawstyle="steps-post")
+        axes.plot(np.maximum(false, 1e-4), true, label=f"{name} ({area:.3f})", marker="o" if len(false) == 3 else "")
     axes.set_xscale("log")
     axes.set_xlim(1e-4, 1.0)
     axes.set_ylim(0.0, 1.0)
