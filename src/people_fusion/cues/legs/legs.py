@@ -65,7 +65,7 @@ class LegCueConfig:
         "a segment wider than this without a dent between two legs is one piece: a bin, a coat; metres; .inf: off",
         0.05,
     )
-    leg_dent: float = parameter(0.03, "depth of such a dent, metres", 0.0, 0.2)
+    leg_dent: float = parameter(0.04, "depth of such a dent, metres", 0.0, 0.2)
     one_piece_confidence: float = parameter(0.3, "that one wide piece is a person", 0.0, 1.0)
     pair_distance: float = parameter(0.7, "legs at most this far apart may be one person's, metres", 0.0, 2.0)
     leg_radius: float = parameter(

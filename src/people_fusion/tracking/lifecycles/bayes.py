@@ -31,10 +31,13 @@ class BayesConfig:
     end_below: float = parameter(0.02, "existence below which a track ends", low=0.0, high=1.0)
     longest_unseen_s: float = parameter(3.0, "time without detection that ends a track, seconds", low=0.0)
     largest_position_std: float = parameter(1.5, "a track with more uncertain position ends, metres", low=0.0)
-    confidence_unmoved: float = parameter(
-        0.5, "what never moved is a person from this confidence of its detections, on average", low=0.0, high=1.0
+    confidence_resting: float = parameter(
+        0.5, "what rests is a person from this confidence of its detections, on average", low=0.0, high=1.0
     )
-    confidence_moved: float = parameter(0.2, "the same to begin with for what has moved", low=0.0, high=1.0)
+    confidence_moving: float = parameter(0.2, "the same to begin with for what moves", low=0.0, high=1.0)
+    rest_after_s: float = parameter(
+        5.0, "what stays at a place that long rests, as does what never moved, seconds", low=0.0
+    )
     confidence_time_s: float = parameter(3.0, "over which that average is taken, seconds", low=0.01)
     furniture_after_s: float = parameter(
         90.0, "who rests this long is furniture and not reported until it moves, seconds; .inf: off", low=0.0
@@ -71,10 +74,12 @@ class Bayes(Lifecycle):
         never_moved = table.resting_since_ns == table.born_ns
         memory, confidence = self._confidence(table, evidence)
         patience_s = np.where(never_moved, config.furniture_unmoved_after_s, config.furniture_after_s)
-        furniture = (evidence.stamp_ns - table.resting_since_ns) / 1e9 > patience_s
+        rests_s = (evidence.stamp_ns - table.resting_since_ns) / 1e9
+        furniture = rests_s > patience_s
         # The same doubt about the same thing, look after look, is one doubt: it does not average out as noise does.
-        begins = confidence >= np.where(never_moved, config.confidence_unmoved, config.confidence_moved)
-        stays = table.confirmed & (begins | ~never_moved)
+        rests = never_moved | (rests_s > config.rest_after_s)
+        begins = confidence >= np.where(rests, config.confidence_resting, config.confidence_moving)
+        stays = table.confirmed & (begins | ~rests)
         confirmed = (begins & (existence >= config.confirm_above)) | (stays & (existence >= config.lose_below))
         confirmed &= ~furniture
         position_std = np.sqrt((table.covariances[:, 0, 0] + table.covariances[:, 1, 1]) / 2)
