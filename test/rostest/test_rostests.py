@@ -25,4 +25,6 @@ def test_rostest_passes(launch: Path) -> None:
         command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=TIMEOUT_S, check=False
     )
     assert done.returncode == 0, done.stdout[-6000:]
-    assert "SUMMARY" in done.stdout and " * TESTS: 0" not in done.stdout, done.stdout[-6000:]
+    # With --text the exit status is 0 whatever the result.
+    assert " * RESULT: SUCCESS" in done.stdout and " * RESULT: FAIL" not in done.stdout, done.stdout[-6000:]
+    assert " * TESTS: 0" not in done.stdout, done.stdout[-6000:]
