@@ -26,6 +26,8 @@ class Member:
 
     Attributes:
         newest_ns: newest stamp that it told of; None before the first.
+        soonest_ns: its next stamp is not expected before this; None before the first.
+        period_ns: median interval of its stamps; None while it is not known.
         heard_ns: when it was last heard of.
         lag_ns: how old its last message was when it told of it.
         pending: announced and neither delivered nor withdrawn: order -> when it was announced.
@@ -35,6 +37,8 @@ class Member:
 
     def __init__(self, heard_ns: Optional[int] = None) -> None:
         self.newest_ns: Optional[int] = None
+        self.soonest_ns: Optional[int] = None
+        self.period_ns: Optional[int] = None
         self.heard_ns = heard_ns
         self.lag_ns = 0
         self.pending: OrderedDict[Order, int] = OrderedDict()
@@ -46,28 +50,17 @@ class Member:
         self.expired: OrderedDict[Order, None] = OrderedDict()
         self._intervals: Deque[int] = deque(maxlen=INTERVALS)
 
-    @property
-    def period_ns(self) -> Optional[int]:
-        """Median interval of its stamps, or None while it is not known."""
-        if len(self._intervals) < KNOWN_AFTER:
-            return None
-        return int(statistics.median_low(self._intervals))
-
-    @property
-    def soonest_ns(self) -> Optional[int]:
-        """Its next stamp is not expected before this; None before the first."""
-        if self.newest_ns is None or len(self._intervals) < KNOWN_AFTER:
-            return self.newest_ns
-        return self.newest_ns + int(SOONEST * min(self._intervals))
-
     def tell(self, stamp_ns: int, now_ns: int) -> None:
         """It announced or delivered a message of this stamp."""
-        if self.newest_ns is not None and stamp_ns > self.newest_ns:
+        self.heard_ns, self.lag_ns, self.withdrew = now_ns, now_ns - stamp_ns, False
+        if self.newest_ns is None:
+            self.newest_ns = self.soonest_ns = stamp_ns
+        elif stamp_ns > self.newest_ns:
             self._intervals.append(stamp_ns - self.newest_ns)
-        self.newest_ns = stamp_ns if self.newest_ns is None else max(self.newest_ns, stamp_ns)
-        self.heard_ns = now_ns
-        self.lag_ns = now_ns - stamp_ns
-        self.withdrew = False
+            self.newest_ns = self.soonest_ns = stamp_ns
+            if len(self._intervals) >= KNOWN_AFTER:
+                self.period_ns = statistics.median_low(self._intervals)
+                self.soonest_ns += int(SOONEST * min(self._intervals))
 
 
 class Roster:

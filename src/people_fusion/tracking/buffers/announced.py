@@ -29,8 +29,9 @@ class Announced(BufferPolicy):
     config: AnnouncedConfig
 
     def _may_go(self, oldest: Measurement, now_ns: int) -> bool:
+        place = oldest.order
         for cue, member in self.roster.members.items():
-            if any(order < oldest.order for order in member.pending) and not member.stalled:
+            if not member.stalled and any(order < place for order in member.pending):
                 return False
             if cue != oldest.cue and self.roster.awaited(cue, now_ns):
                 told_ns = member.soonest_ns if self.config.anticipate else member.newest_ns
