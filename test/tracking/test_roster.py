@@ -137,6 +137,29 @@ def test_a_cue_that_announces_late_delays_the_others_once(name):
     assert_unharmed(Outcome(name, pair() + late), name, [(0.6, 1.8)])
 
 
+@pytest.mark.parametrize("name", ["announced", "revisable"])
+def test_a_slow_cue_delays_the_others_only_about_when_it_is_due(name):
+    """The two that come just before each of its messages are expected to wait for it."""
+    outcome = Outcome(name, pair(30.0) + regular("map", 0.25, 30.0, work_s=0.01, phase_s=0.05))
+    times, delays = outcome.times("front"), outcome.delays("front")
+    raised = times[delays > usual_delay_s(name) + SLACK_S]
+    assert len(raised[raised > 14.0]) <= 4 * PATIENCE_S * 15
+
+
+@pytest.mark.parametrize("name", ["announced", "revisable"])
+def test_a_cue_without_a_period_delays_the_others_no_longer_than_the_patience_each_time(name):
+    rng = np.random.default_rng(3)
+    events, count = pair(60.0), 30
+    for sequence, time_s in enumerate(np.sort(rng.uniform(0.0, 60.0, count))):
+        stamp_ns = START_NS + from_seconds(time_s)
+        events.append((time_s, Announcement(stamp_ns, "bell", sequence)))
+        events.append((time_s, nobody(stamp_ns, "bell", sequence)))
+    outcome = Outcome(name, events)
+    for cue, rate in (("front", 15), ("back", 12)):
+        assert np.sum(outcome.delays(cue) > usual_delay_s(name) + SLACK_S) <= count * (PATIENCE_S * rate + 1)
+        assert outcome.delays(cue).max() <= PATIENCE_S + 0.005 + SLACK_S
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_a_cue_that_withdraws_everything_frees_the_others_at_once(name):
     withdrawn = []

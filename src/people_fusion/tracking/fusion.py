@@ -109,7 +109,7 @@ class Fusion:
             Measurements in the tracking frame that may be processed now, in order but for those that came too late.
 
         Raises:
-            TransformUnavailable: the measurement is not taken.
+            TransformUnavailable: the measurement is not taken; withdraw its announcement, which is still waited for.
         """
         if isinstance(item, Measurement):
             transform = self.transforms.lookup(self.tracking_frame, item.frame_id, item.stamp_ns)

@@ -15,8 +15,8 @@ from people_fusion.core.stamps import from_seconds, to_seconds
 
 INTERVALS = 9  # of stamps, by which a cue's period is estimated
 KNOWN_AFTER = 3  # intervals
-SOONEST = 0.8  # of the shortest interval: the next stamp is not nearer
-OVERDUE = 1.5  # periods after which a cue is not waited for until it is heard again, one and the patience at most
+SOONEST = 0.8  # of the shortest interval, and half the patience less at most: the next stamp is not nearer
+OVERDUE = 1.5  # periods, and the patience after the soonest at most: then a cue is not waited for until heard again
 MOST_CUES = 64
 REMEMBERED = 256  # stamps a cue, to know what it repeats
 
@@ -24,22 +24,29 @@ REMEMBERED = 256  # stamps a cue, to know what it repeats
 class Member:
     """What is known of one cue.
 
+    Args:
+        patience_ns: it delays others for no longer after each of its messages.
+        heard_ns: now, if it was heard of.
+
     Attributes:
         newest_ns: newest stamp that it told of; None before the first.
         soonest_ns: its next stamp is not expected before this; None before the first.
         period_ns: median interval of its stamps; None while it is not known.
         heard_ns: when it was last heard of.
+        silence_ns: after which it is not waited for any more.
         lag_ns: how old its last message was when it told of it.
         pending: announced and neither delivered nor withdrawn: order -> when it was announced.
         stalled: it has let an announcement expire and not delivered in time since.
         withdrew: nothing comes of the last message that it told of.
     """
 
-    def __init__(self, heard_ns: Optional[int] = None) -> None:
+    def __init__(self, patience_ns: int, heard_ns: Optional[int] = None) -> None:
+        self._patience_ns = patience_ns
         self.newest_ns: Optional[int] = None
         self.soonest_ns: Optional[int] = None
         self.period_ns: Optional[int] = None
         self.heard_ns = heard_ns
+        self.silence_ns = patience_ns
         self.lag_ns = 0
         self.pending: OrderedDict[Order, int] = OrderedDict()
         self.stalled = False
@@ -59,8 +66,11 @@ class Member:
             self._intervals.append(stamp_ns - self.newest_ns)
             self.newest_ns = self.soonest_ns = stamp_ns
             if len(self._intervals) >= KNOWN_AFTER:
+                shortest_ns = min(self._intervals)
+                soonest_ns = max(int(SOONEST * shortest_ns), shortest_ns - self._patience_ns // 2)
+                self.soonest_ns += soonest_ns
                 self.period_ns = statistics.median_low(self._intervals)
-                self.soonest_ns += int(SOONEST * min(self._intervals))
+                self.silence_ns = min(int(OVERDUE * self.period_ns), soonest_ns + self._patience_ns)
 
 
 class Roster:
@@ -83,7 +93,7 @@ class Roster:
 
     def reset(self) -> None:
         """Time has jumped: learn the cues anew; the counters stay."""
-        self.members = {name: Member() for name in self._expected}
+        self.members = {name: Member(self._patience_ns) for name in self._expected}
 
     def announce(self, announcement: Announcement, now_ns: int) -> None:
         """A cue has begun to work on a message, or withdraws it."""
@@ -172,10 +182,7 @@ class Roster:
 
     def _overdue_ns(self, member: Member) -> int:
         assert member.heard_ns is not None
-        period_ns = member.period_ns
-        if period_ns is None:
-            return member.heard_ns + self._patience_ns
-        return member.heard_ns + min(int(OVERDUE * period_ns), period_ns + self._patience_ns)
+        return member.heard_ns + member.silence_ns
 
     def _tell(self, cue: str, member: Member, stamp_ns: int, now_ns: int) -> None:
         member.tell(stamp_ns, now_ns)
@@ -183,7 +190,9 @@ class Roster:
             self._count(cue, "older than the patience when first heard of")
 
     def _member(self, cue: str, now_ns: int) -> Member:
-        return self.members.setdefault(cue, Member(now_ns))
+        if cue not in self.members:
+            self.members[cue] = Member(self._patience_ns, now_ns)
+        return self.members[cue]
 
     def _plausible(self, cue: str, stamp_ns: int, now_ns: int, prefix: str = "") -> bool:
         if cue not in self.members and len(self.members) >= MOST_CUES:
