@@ -19,7 +19,7 @@ class TrackTable:
         ids: (T,) int64.
         means: (T, D) and covariances (T, D, D) in the tracking frame.
         shared_cross: (T, D, 6) covariance of the state with the shared pose error that is considered.
-        shared_floor: (T, 3, 3) covariance that the shared pose error of the last detection adds to the position.
+        shared_floor: (T, 3, 3) covariance that the slow errors of the last detection add to the position.
         existence: (T,) in [0, 1].
         memory: (T, K) what the lifecycle remembers of each track.
         confirmed, matched, occluded: (T,) bool.

@@ -66,6 +66,15 @@ class KalmanConfig:
     body_half_width: float = parameter(0.2, "of what a sensor could see of a person, metres", low=0.01)
     rest_distance: float = parameter(0.4, "who stays within this distance of a place rests there, metres", low=0.0)
     still_std: float = parameter(0.02, "of what is known to stand still after a second, metres", low=0.0)
+    offset_stds: Dict[str, float] = parameter(
+        {},
+        "by modality: how far a body may be from where its detections are on average, by axis; slow, so that no filter"
+        " may average it away: it is added to the output, metres",
+        low=0.0,
+    )
+    gait_s: float = parameter(
+        0.0, "the same along the way of who walks: by how many seconds a body is ahead of its legs or behind", low=0.0
+    )
     shared_error: str = parameter(
         "add",
         "slow pose error that detections share: `add` it to the output as it is at the last detection, or `consider` it"
@@ -145,6 +154,8 @@ class KalmanTracker(Tracker):
         if len(table):
             covariances = covariances.copy()
             covariances[:, :3, :3] += table.shared_floor
+            steps = self.config.gait_s * means[:, 3:5]
+            covariances[:, :2, :2] += steps[:, :, None] * steps[:, None, :]
         return Tracks(
             stamp_ns=now,
             frame_id="",
@@ -448,8 +459,7 @@ class KalmanTracker(Tracker):
         else:
             own = pairs.covariances if shared is None else pairs.covariances - shared[pairs.detections]
             means, covariances = update(table.means[rows], table.covariances[rows], pairs.innovations, observation, own)
-            if shared is not None:
-                floor = _with_rows(floor, rows, self._floors(measurement)[pairs.detections])
+        floor = _with_rows(floor, rows, self._slow_errors(measurement)[pairs.detections])
         seen_ns = np.maximum(table.seen_ns[rows], measurement.stamp_ns)
         return dataclasses.replace(
             table,
@@ -480,13 +490,11 @@ class KalmanTracker(Tracker):
         covariances[:, :, axes] = 0.0
         covariances[:, axes[:, None], axes] = measurement.covariances[rows[:, None, None], axes[:, None], axes]
         cross = np.zeros((count, dimension, SHARED))
-        floor = np.zeros((count, 3, 3))
+        floor = self._slow_errors(measurement)[rows]
         shared = self._shared_spreads(measurement, axes)
         if shared is not None and self.config.shared_error == "consider":
             covariances[:, axes[:, None], axes] += shared[rows]
             cross[:, axes] = self._jacobians(measurement, axes)[rows] @ self._state.shared_covariance
-        elif shared is not None:
-            floor = self._floors(measurement)[rows]
         if age_s > 0:
             transition, noise = self._motion.transition(age_s)
             means, covariances = predict(means, covariances, transition, noise)
@@ -534,6 +542,14 @@ class KalmanTracker(Tracker):
         if measurement.shared_jacobians is None or measurement.shared_covariance is None:
             return None
         return self._floors(measurement)[:, axes[:, None], axes]
+
+    def _slow_errors(self, measurement: Measurement) -> np.ndarray:
+        """(N, 3, 3) what each detection adds to the output: its modality's offset, and the pose error if not considered."""
+        offset = self.config.offset_stds.get(measurement.modality, 0.0)
+        errors = np.repeat(np.diag(np.array(measurement.observed) * offset**2)[None], len(measurement), axis=0)
+        if measurement.shared_covariance is not None and self.config.shared_error == "add":
+            errors = errors + self._floors(measurement)
+        return errors
 
     def _floors(self, measurement: Measurement) -> np.ndarray:
         """(N, 3, 3) J B J', zero on axes that are not observed."""
