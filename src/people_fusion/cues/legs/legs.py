@@ -233,8 +233,8 @@ class LegCue(Cue):
     def _segments(
         self, points: np.ndarray, hits: np.ndarray, scan: Scan, ranges: np.ndarray
     ) -> Tuple[np.ndarray, np.ndarray]:
-        """(N,) bool, the points in segments that are neither noise nor, if so configured, walls; and (N,) the segment of
-        those in one wide piece, -1 for all others."""
+        """(N,) bool, the points in segments that are neither noise nor, if so configured, walls; and (N,) the segment
+        of those in one wide piece, -1 for all others."""
         config = self.config
         if not len(points):
             return np.zeros(0, dtype=bool), np.zeros(0, dtype=int)
@@ -335,8 +335,7 @@ class LegCue(Cue):
         one_piece = np.bincount(owners, legs.one_piece, len(confidences)) > 0
         confidences = np.where(one_piece, np.minimum(confidences, config.one_piece_confidence), confidences)
         doubtful = np.bincount(owners, legs.doubtful, len(confidences)) > 0
-        confidences = np.where(doubtful, np.minimum(confidences, config.doubtful_confidence), confidences)
-        return confidences
+        return np.where(doubtful, np.minimum(confidences, config.doubtful_confidence), confidences)
 
     def _doubt(self, arms: np.ndarray, covariance: np.ndarray) -> np.ndarray:
         """(N,) metres from an obstacle of the map within which it may be what was seen `arms` (N, 2) from the scanner,

@@ -12,8 +12,9 @@ import numpy as np
 
 from people_fusion.core.grids import OccupancyGrid
 
-STEPS = 3  # of Gauss and Newton
-FIT_STD = 0.1  # metres; one beam counts little, as neighbours share the errors of the map
+STEPS = 2  # of Gauss and Newton
+POINTS = 120  # about so many are looked at
+FIT_STD = 0.05  # metres; more than the noise, as neighbours share the errors of the map
 SPREAD = 0.1  # metres; residuals beyond it are of people and things that the map does not have
 REACH = 3.0  # standard deviations of the localisation
 PLANAR = np.array([0, 1, 5])  # x, y and rotZ of a pose's covariance
@@ -39,9 +40,11 @@ def corrected(
     if not len(points) or not prior.any():
         return points, prior
     information = np.linalg.inv(prior + TINY * np.eye(3))
-    error, posterior, moved = np.zeros(3), prior, points
-    reach = SPREAD + REACH * np.sqrt(variances(points - origin, prior))
+    error, posterior = np.zeros(3), prior
+    some = points[:: max(1, len(points) // POINTS)]
+    reach = SPREAD + REACH * np.sqrt(variances(some - origin, prior))
     for _ in range(STEPS):
+        moved = _moved(some, origin, error)
         distances, slopes = _field(grid, moved, occupied)
         near = np.flatnonzero(distances < reach)
         arms, slopes, distances = moved[near] - origin - error[:2], slopes[near], distances[near]
@@ -49,9 +52,7 @@ def corrected(
         weights = 1.0 / (FIT_STD * (1.0 + (distances / SPREAD) ** 2)) ** 2
         posterior = np.linalg.inv(information + jacobian.T @ (weights[:, None] * jacobian))
         error = error - posterior @ (information @ error + jacobian.T @ (weights * distances))
-        cos, sin = np.cos(error[2]), np.sin(error[2])
-        moved = (points - origin) @ np.array([[cos, sin], [-sin, cos]]) + origin + error[:2]
-    return moved, posterior
+    return _moved(points, origin, error), posterior
 
 
 def planar(covariance: np.ndarray) -> np.ndarray:
@@ -65,9 +66,18 @@ def variances(arms: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     return (covariance[0, 0] + covariance[1, 1]) / 2.0 + turned
 
 
+def _moved(points: np.ndarray, origin: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Points (N, 2) turned about the scanner and moved by `error` (3,): x, y and yaw."""
+    cos, sin = np.cos(error[2]), np.sin(error[2])
+    moved: np.ndarray = (points - origin) @ np.array([[cos, sin], [-sin, cos]]) + origin + error[:2]
+    return moved
+
+
 def _field(grid: OccupancyGrid, points: np.ndarray, occupied: int) -> Tuple[np.ndarray, np.ndarray]:
-    """(N,) distances to the nearest obstacle, between cells' centres interpolated, and their gradient (N, 2); +inf and 0
-    beside the map."""
+    """(N,) distances to the nearest obstacle, interpolated between cells' centres, and their gradient (N, 2).
+
+    Beside the map the distance is +inf and the gradient 0.
+    """
     distances = grid.distances(occupied)
     rotation = grid.origin.rotation[:2, :2]
     places = (points - grid.origin.translation[:2]) @ rotation / grid.resolution - 0.5
@@ -78,8 +88,10 @@ def _field(grid: OccupancyGrid, points: np.ndarray, occupied: int) -> Tuple[np.n
     (x, y), (column, row) = (places - cells).T, cells.T
     near, right = distances[row, column], distances[row, column + 1]
     above, across = distances[row + 1, column], distances[row + 1, column + 1]
-    found = (1 - y) * ((1 - x) * near + x * right) + y * ((1 - x) * above + x * across)
-    slopes = np.column_stack([(1 - y) * (right - near) + y * (across - above), (1 - x) * (above - near) + x * (across - right)])
+    with np.errstate(invalid="ignore"):  # a map without obstacles is infinitely far from them
+        found = (1 - y) * ((1 - x) * near + x * right) + y * ((1 - x) * above + x * across)
+        along = (1 - y) * (right - near) + y * (across - above)
+        upwards = (1 - x) * (above - near) + x * (across - right)
     known = inside & np.isfinite(found)
-    slopes[~known] = 0.0
+    slopes = np.where(known[:, None], np.column_stack([along, upwards]), 0.0)
     return np.where(known, found, np.inf), slopes @ rotation.T / grid.resolution

@@ -544,7 +544,7 @@ class KalmanTracker(Tracker):
         return self._floors(measurement)[:, axes[:, None], axes]
 
     def _slow_errors(self, measurement: Measurement) -> np.ndarray:
-        """(N, 3, 3) what each detection adds to the output: its modality's offset, and the pose error if not considered."""
+        """(N, 3, 3) what each detection adds to the output: its modality's offset, and the pose error to be added."""
         offset = self.config.offset_stds.get(measurement.modality, 0.0)
         errors = np.repeat(np.diag(np.array(measurement.observed) * offset**2)[None], len(measurement), axis=0)
         if measurement.shared_covariance is not None and self.config.shared_error == "add":
