@@ -127,6 +127,7 @@ class BufferMachine(RuleBasedStateMachine):
             if sleep_ns is None or self.now_ns + sleep_ns > until_ns:
                 break
             assert sleep_ns > 0
+            assert self.buffer.poll(self.now_ns + sleep_ns - 1) == [], "could have been had before"
             wakes += 1
             assert wakes <= most, "wakes more often than anything can change"
             self.now_ns += sleep_ns

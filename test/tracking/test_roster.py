@@ -7,7 +7,7 @@ from people_fusion.core.config import parse
 from people_fusion.core.measurements import Announcement, Measurement
 from people_fusion.core.stamps import NANOSECONDS, from_seconds, to_seconds
 from people_fusion.tracking.buffer import BUFFERS
-from people_fusion.tracking.roster import Roster
+from people_fusion.tracking.roster import MOST_CUES, REMEMBERED, Roster
 
 NAMES = BUFFERS.names()
 START_NS = 1000 * NANOSECONDS
@@ -323,3 +323,23 @@ def test_an_announcement_that_comes_after_its_measurement_is_not_waited_for():
     assert not each.members["cam"].pending
     each.expire(START_NS + NANOSECONDS)
     assert not each.members["cam"].stalled
+
+
+@pytest.mark.parametrize("capacity, event", [(20, "too many announcements"), (256, "announced without delivering")])
+def test_announcements_that_are_never_kept_are_given_up_and_memory_does_not_grow(capacity, event):
+    each = roster(capacity=capacity)
+    for sequence in range(1000):
+        now_ns = START_NS + sequence * 10**7
+        each.announce(Announcement(now_ns, "cam", sequence), now_ns)
+        each.expire(now_ns)
+        assert len(each.members["cam"].pending) <= min(capacity, 31)
+        assert each.awaited("cam", now_ns) == (sequence < min(capacity, 31))
+    assert len(each.members["cam"].expired) <= REMEMBERED
+    assert each.counters()[f"cam: {event}"] >= 900
+
+
+def test_no_more_cues_are_known_than_there_can_be():
+    each = roster()
+    taken = [each.deliver(nobody(START_NS, f"cue_{index}"), START_NS) for index in range(MOST_CUES + 10)]
+    assert sum(taken) == len(each.members) == MOST_CUES
+    assert each.counters() == {"lost: of too many cues": 10}

@@ -118,7 +118,7 @@ class BufferPolicy:
         return True
 
     def _changes_ns(self) -> List[int]:
-        """Times at which `_may_go` may change without the roster's doing."""
+        """Times after which `_may_go` may change without the roster's doing."""
         return []
 
     def _forced(self, now_ns: int) -> int:

@@ -114,8 +114,7 @@ class Roster:
         self._tell(cue, member, announcement.stamp_ns, now_ns)
         member.pending[order] = now_ns
         if len(member.pending) > self._capacity:
-            member.pending.popitem(last=False)
-            self._count(cue, "too many announcements")
+            self._give_up(cue, member, "too many announcements")
 
     def deliver(self, measurement: Measurement, now_ns: int) -> bool:
         """A cue delivers; whether to take it. What is not taken is counted as lost."""
@@ -146,14 +145,8 @@ class Roster:
         for cue, member in self.members.items():
             if member.heard_ns is None:
                 member.heard_ns = now_ns
-            while member.pending:
-                order, since_ns = next(iter(member.pending.items()))
-                if now_ns - since_ns <= self._patience_ns:
-                    break
-                del member.pending[order]
-                _remember(member.expired, order)
-                member.stalled = True
-                self._count(cue, "announced without delivering")
+            while member.pending and now_ns - next(iter(member.pending.values())) > self._patience_ns:
+                self._give_up(cue, member, "announced without delivering")
 
     def awaited(self, cue: str, now_ns: int) -> bool:
         """Whether this cue's next message is worth waiting for."""
@@ -188,6 +181,12 @@ class Roster:
         member.tell(stamp_ns, now_ns)
         if member.lag_ns > self._patience_ns:
             self._count(cue, "older than the patience when first heard of")
+
+    def _give_up(self, cue: str, member: Member, event: str) -> None:
+        order, _ = member.pending.popitem(last=False)
+        _remember(member.expired, order)
+        member.stalled = True
+        self._count(cue, event)
 
     def _member(self, cue: str, now_ns: int) -> Member:
         if cue not in self.members:

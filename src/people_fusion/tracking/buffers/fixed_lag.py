@@ -33,4 +33,4 @@ class FixedLag(BufferPolicy):
         return now_ns - oldest.stamp_ns >= self._lag_ns
 
     def _changes_ns(self) -> List[int]:
-        return [self._held[0].stamp_ns + self._lag_ns]
+        return [self._held[0].stamp_ns + self._lag_ns - 1]
