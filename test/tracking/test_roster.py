@@ -122,6 +122,19 @@ def test_a_cue_that_only_announces_delays_the_others_once(name):
         assert outcome.counters["cam: announced without delivering"] >= 35
 
 
+@pytest.mark.parametrize("name", ["announced", "revisable"])
+def test_a_cue_that_skips_without_saying_so_delays_the_others_until_it_delivers_again(name):
+    skipping = [
+        event
+        for event in regular("cam", 10.0, 6.0, work_s=0.05)
+        if isinstance(event[1], Announcement) or event[1].sequence % 2 == 0
+    ]
+    outcome = Outcome(name, pair() + skipping)
+    for cue in ("front", "back"):
+        assert outcome.delays(cue, 1.0, 5.5).max() <= 0.155
+    assert outcome.counters["cam: announced and passed over"] == 29
+
+
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("announces", [True, False])
 @pytest.mark.parametrize("work_s", [0.35, 3.0])

@@ -1,7 +1,8 @@
 """Which cues there are, what each has announced, and which of them are worth waiting for.
 
 A cue that is silent or slow, announces without delivering, delivers without announcing, restarts, floods, repeats
-itself or stamps into the future neither stalls nor misleads the others; each such event is counted under its name.
+itself or stamps into the future neither stalls nor misleads the others; each such event is counted under its name. A cue
+works on its messages in order: what it has passed over is not waited for.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ class Member:
         silence_ns: after which it is not waited for any more.
         lag_ns: how old its last message was when it told of it.
         pending: announced and neither delivered nor withdrawn: order -> when it was announced.
-        stalled: it has let an announcement expire and not delivered in time since.
+        stalled: it has let an announcement expire, or passed it over, and not delivered in time since.
         withdrew: nothing comes of the last message that it told of.
     """
 
@@ -126,10 +127,11 @@ class Roster:
             member.pending.pop(measurement.order, None)
             self._count(cue, "lost: stamp delivered before")
             return False
-        announced_ns = member.pending.pop(measurement.order, None)
-        if announced_ns is not None:
+        if member.pending.pop(measurement.order, None) is not None:
             member.stalled = False
             member.heard_ns = now_ns
+            while member.pending and next(iter(member.pending)) < measurement.order:
+                self._give_up(cue, member, "announced and passed over")
         elif measurement.order in member.expired:
             del member.expired[measurement.order]
             self._count(cue, "delivered after its announcement expired")
