@@ -1,8 +1,8 @@
 """Which cues there are, what each has announced, and which of them are worth waiting for.
 
 A cue that is silent or slow, announces without delivering, delivers without announcing, restarts, floods, repeats
-itself or stamps into the future neither stalls nor misleads the others; each such event is counted under its name. A cue
-works on its messages in order: what it has passed over is not waited for.
+itself or stamps into the future neither stalls nor misleads the others; each such event is counted under its name.
+What a cue has announced and passed over is not waited for, as cues work on their messages in order.
 """
 
 from __future__ import annotations
