@@ -20,14 +20,14 @@ NAN, INF = math.nan, math.inf
     [
         (2.0, True, 2.0),
         (0.1, True, 0.1),  # range_min itself
-        (9.0, True, 8.0),  # beyond what the cue resolves
-        (INF, False, 8.0),
+        (9.0, True, 9.0),
+        (INF, False, 10.0),
         (-INF, False, 0.0),
         (NAN, False, NAN),
         (0.0, False, NAN),
         (-1.0, False, NAN),
         (0.09, False, NAN),
-        (10.0, False, 8.0),  # range_max itself: nothing within reach, of drivers older than REP-117
+        (10.0, False, 10.0),  # range_max itself: nothing within reach, of drivers older than REP-117
         (10.1, False, NAN),
         (1e300, False, NAN),
     ],
@@ -35,7 +35,7 @@ NAN, INF = math.nan, math.inf
 def test_range_means_what_rep_117_says(distance, is_hit, seen_m):
     ranges = np.array([distance])
     assert beams.hits(ranges, 0.1, 10.0).tolist() == [is_hit]
-    assert beams.seen_through(ranges, 0.1, 10.0, 8.0) == pytest.approx([seen_m], nan_ok=True)
+    assert beams.seen_through(ranges, 0.1, 10.0) == pytest.approx([seen_m], nan_ok=True)
 
 
 def test_zero_is_no_distance_even_where_range_min_is_zero():

@@ -50,8 +50,8 @@ def hits(ranges: np.ndarray, range_min: float, range_max: float) -> np.ndarray:
         return (ranges >= range_min) & (ranges > 0.0) & (ranges < range_max)
 
 
-def seen_through(ranges: np.ndarray, range_min: float, range_max: float, reach: float) -> np.ndarray:
-    """(B,) metres that each beam saw through, at most `reach`; NaN where it gave no information (Sight.ranges).
+def seen_through(ranges: np.ndarray, range_min: float, range_max: float) -> np.ndarray:
+    """(B,) metres that each beam saw through; NaN where it gave no information (Sight.ranges).
 
     +inf and range_max itself: nothing before range_max; -inf: something closer than range_min, so nothing was seen
     through; NaN, zero and all else outside the limits: no information.
@@ -60,7 +60,25 @@ def seen_through(ranges: np.ndarray, range_min: float, range_max: float, reach: 
         seen = np.where(hits(ranges, range_min, range_max), ranges, np.nan)
     seen[(ranges == np.inf) | (ranges == range_max)] = range_max
     seen[ranges == -np.inf] = 0.0
-    return np.minimum(seen, reach)
+    return seen
+
+
+def is_ring(scan: Scan) -> bool:
+    """Whether the scan goes full circle: the first beam is the last one's neighbour."""
+    return abs(scan.angle_increment) * len(scan.ranges) > 2.0 * math.pi - 1.5 * abs(scan.angle_increment)
+
+
+def largest_jump(ranges: np.ndarray) -> int:
+    """Beam of a full circle's ranges (B,) whose range differs most from that of the beam before."""
+    far = np.nanmax(ranges, initial=0.0, where=np.isfinite(ranges)) + 1.0
+    known = np.where(np.isfinite(ranges), ranges, far)
+    return int(np.argmax(abs(known - np.roll(known, 1))))
+
+
+def with_neighbours(ranges: np.ndarray, ring: bool, beyond: float) -> np.ndarray:
+    """(B + 2,) ranges (B,) with what is before the first and after the last beam: `beyond`, but on a full circle."""
+    before, after = (ranges[-1], ranges[0]) if ring else (beyond, beyond)
+    return np.concatenate([[before], ranges, [after]])
 
 
 def duration_ns(scan: Scan) -> int:

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from typing import ClassVar, Deque, NamedTuple, Optional, Tuple
 
 import numpy as np
+from scipy.special import expit, logit
 
+from people_fusion.core.angles import bearings
 from people_fusion.core.config import parameter
 from people_fusion.core.errors import ConfigError
 from people_fusion.core.grids import OCCUPIED_THRESHOLD, ROUND_OFF, OccupancyGrid
@@ -18,11 +20,14 @@ from people_fusion.core.stamps import to_seconds
 from people_fusion.core.transforms import FramesConfig, TransformSource
 from people_fusion.cues.cue import CUES, Cue, TransformRequest
 from people_fusion.cues.legs import beams, clusters, map_fit, shapes
+from people_fusion.cues.legs.classifier import load_leg_model
+from people_fusion.cues.legs.segments import segment
 
 PERIODS_REMEMBERED = 11
 UNKNOWN_PERIOD_S = 0.1
 LEG_WIDTH = 0.1  # metres, for the distance at which beams are too far apart to tell a leg
 DISCERNIBLE_POINTS = 6  # in fewer, two legs may have no dent between
+LEAST_BELIEF = 0.02  # and most: no rule is so sure that the look of a leg could not change its mind
 TINY = 1e-6  # metres, against a division by zero
 ARC_DEPTH = math.pi / 4.0  # mean depth of a half circle seen from afar, in radii
 
@@ -82,6 +87,9 @@ class LegCueConfig:
     )
     pair_confidence: float = parameter(1.0, "that two legs are a person", 0.0, 1.0)
     single_confidence: float = parameter(1.0, "that a single leg is a person; the paper makes no difference", 0.0, 1.0)
+    model: str = parameter("", "what legs look like: a model in config/models, or a JSON file; empty: no vote on that")
+    mapped_belief: float = parameter(0.9, "most that is believed before that vote where the map is silent", 0.0, 1.0)
+    unmapped_belief: float = parameter(0.4, "... and where there is no map that could", 0.0, 1.0)
 
     def __post_init__(self) -> None:
         if self.leg_diameter > self.group_gap:
@@ -92,7 +100,7 @@ class LegCueConfig:
 
 class _Legs(NamedTuple):
     """Points (P, 2) that are of legs with their leg (P,); the legs (L,), whether an obstacle of the map may be what was
-    seen of them and whether they are one wide piece."""
+    seen of them and whether they are one wide piece; the points' beams (P,)."""
 
     points: np.ndarray
     labels: np.ndarray
@@ -100,6 +108,7 @@ class _Legs(NamedTuple):
     groups: np.ndarray
     doubtful: np.ndarray
     one_piece: np.ndarray
+    beams: np.ndarray
 
 
 @CUES.register("legs", LegCueConfig)
@@ -113,6 +122,7 @@ class LegCue(Cue):
         self._grid: Optional[OccupancyGrid] = None
         self._localisation = np.zeros((6, 6))
         self._directions = beams.Directions()
+        self._model = load_leg_model(config.model) if config.model else None
         self._sequence = 0
         self._newest_ns: Optional[int] = None
         self._periods_s: Deque[float] = deque(maxlen=PERIODS_REMEMBERED)
@@ -156,7 +166,7 @@ class LegCue(Cue):
             frame_id=data.frame_id,
             positions=positions,
             covariances=covariances,
-            confidences=self._confidences(legs, owners, paired),
+            confidences=self._vote(self._confidences(legs, owners, paired), legs, owners, data, ranges),
             observed=XY_OBSERVED,
             period_s=period_s,
             sequence=self._sequence,
@@ -203,6 +213,13 @@ class LegCue(Cue):
         self, points: np.ndarray, hits: np.ndarray, doubtful: np.ndarray, scan: Scan, ranges: np.ndarray
     ) -> _Legs:
         config = self.config
+        seam = 0
+        if beams.is_ring(scan) and len(points):
+            # Begin where nothing lies across the seam.
+            seam = beams.largest_jump(np.where(beams.hits(ranges, scan.range_min, scan.range_max), ranges, np.inf))
+            hits, ranges = (hits - seam) % len(ranges), np.roll(ranges, -seam)
+            order = np.argsort(hits)
+            points, hits, doubtful = points[order], hits[order], doubtful[order]
         kept, whole = self._segments(points, hits, scan, ranges)
         points, hits, doubtful, whole = points[kept], hits[kept], doubtful[kept], whole[kept]
         groups = clusters.single_linkage(points, config.group_gap)
@@ -213,22 +230,24 @@ class LegCue(Cue):
         good = np.bincount(legs) >= config.min_leg_points
         if config.min_leg_width:
             found = np.where(beams.hits(ranges, scan.range_min, scan.range_max), ranges, np.nan)
-            widest = shapes.widest(legs, hits, found, scan.angle_increment, config.segment_gap)
+            depths = beams.with_neighbours(found, beams.is_ring(scan), np.nan)
+            widest = shapes.widest(legs, hits, depths, scan.angle_increment, config.segment_gap)
             good &= widest >= config.min_leg_width
         if not good.all():
             kept = good[legs]
             points, groups, legs = points[kept], groups[kept], clusters.relabel(legs[kept])
-            doubtful, one_piece = doubtful[kept], one_piece[kept]
+            doubtful, one_piece, hits = doubtful[kept], one_piece[kept], hits[kept]
+        hits = (hits + seam) % len(ranges)
         if not len(legs):
             nothing = np.zeros(0)
-            return _Legs(points, legs, np.zeros((0, 2)), np.zeros(0, dtype=int), nothing, nothing.astype(bool))
+            return _Legs(points, legs, np.zeros((0, 2)), np.zeros(0, dtype=int), nothing, nothing.astype(bool), hits)
         centres = clusters.means(points, legs)
         if config.leg_radius:
             distances = np.maximum(np.hypot(centres[:, 0], centres[:, 1]), TINY)
             centres *= 1.0 + ARC_DEPTH * config.leg_radius / distances[:, None]
         first = np.unique(legs, return_index=True)[1]
         one_piece = one_piece[first] & (np.bincount(legs) >= DISCERNIBLE_POINTS)
-        return _Legs(points, legs, centres, groups[first], np.bincount(legs, doubtful) > 0, one_piece)
+        return _Legs(points, legs, centres, groups[first], np.bincount(legs, doubtful) > 0, one_piece, hits)
 
     def _segments(
         self, points: np.ndarray, hits: np.ndarray, scan: Scan, ranges: np.ndarray
@@ -268,7 +287,7 @@ class LegCue(Cue):
         ends = np.append(starts[1:], len(members)) - 1
         first, last = hits[members[starts]], hits[members[ends]]  # members of a segment are in the order of beams
         valid = beams.hits(ranges, scan.range_min, scan.range_max)
-        depths = np.concatenate([[np.inf], np.where(valid, ranges, np.inf), [np.inf]])
+        depths = beams.with_neighbours(np.where(valid, ranges, np.inf), beams.is_ring(scan), np.inf)
         before, after = depths[first] - ranges[first], depths[last + 2] - ranges[last]
         step = self.config.min_segment_step
         return (np.minimum(abs(before), abs(after)) >= step) & (np.maximum(before, after) >= step)
@@ -305,7 +324,7 @@ class LegCue(Cue):
         # Where a leg begins and ends between two beams is uniform over their distance.
         spacing_variances = (distances * angle_increment) ** 2 / 12.0
         along_variances, across_variances = along**2, across**2 + spacing_variances
-        beam = np.arctan2(middles[:, 1], middles[:, 0])
+        beam = bearings(middles)
         cos, sin = np.cos(beam), np.sin(beam)
         covariances = np.zeros((len(middles), 3, 3))
         covariances[:, 0, 0] = cos**2 * along_variances + sin**2 * across_variances
@@ -324,9 +343,9 @@ class LegCue(Cue):
         config = self.config
         resolved = LEG_WIDTH / config.min_segment_points if config.segment_gap_beams else config.segment_gap
         reach = min(scan.range_max, config.max_range, resolved / abs(scan.angle_increment))
-        seen = beams.seen_through(ranges, scan.range_min, scan.range_max, reach)
+        seen = beams.seen_through(ranges, scan.range_min, scan.range_max)
         seen[background] -= self.config.map_dilation + PERSON_DEPTH_M
-        return Sight(np.zeros(2), 0.0, scan.angle_min, scan.angle_increment, seen, reach)
+        return Sight(np.zeros(2), 0.0, scan.angle_min, scan.angle_increment, np.minimum(seen, reach), reach)
 
     def _confidences(self, legs: _Legs, owners: np.ndarray, paired: np.ndarray) -> np.ndarray:
         """(N,) by whether both legs were seen, and whether an obstacle of the map could be what was seen."""
@@ -336,6 +355,21 @@ class LegCue(Cue):
         confidences = np.where(one_piece, np.minimum(confidences, config.one_piece_confidence), confidences)
         doubtful = np.bincount(owners, legs.doubtful, len(confidences)) > 0
         return np.where(doubtful, np.minimum(confidences, config.doubtful_confidence), confidences)
+
+    def _vote(
+        self, confidences: np.ndarray, legs: _Legs, owners: np.ndarray, scan: Scan, ranges: np.ndarray
+    ) -> np.ndarray:
+        """(N,) confidences with what the shape of each leg says, by Bayes' rule; as they are without a model."""
+        if self._model is None or not len(owners):
+            return confidences
+        valid = np.where(beams.hits(ranges, scan.range_min, scan.range_max), ranges, np.nan)
+        segments = segment(scan, valid, self._model.jump, self._model.jump_beams)
+        evidence = np.zeros(len(ranges))
+        evidence[segments.beams] = self._model.evidence(segments)[segments.labels]
+        of_legs = np.bincount(legs.labels, evidence[legs.beams]) / np.bincount(legs.labels)
+        belief = self.config.unmapped_belief if self._grid is None else self.config.mapped_belief
+        prior = np.clip(np.minimum(confidences, belief), LEAST_BELIEF, 1.0 - LEAST_BELIEF)
+        return expit(logit(prior) + np.bincount(owners, of_legs))
 
     def _doubt(self, arms: np.ndarray, covariance: np.ndarray) -> np.ndarray:
         """(N,) metres from an obstacle of the map within which it may be what was seen `arms` (N, 2) from the scanner,

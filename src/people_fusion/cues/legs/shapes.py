@@ -11,7 +11,7 @@ from people_fusion.cues.legs import clusters
 FEWEST_POINTS = 4  # in which there could be a dent
 
 
-def widest(labels: np.ndarray, hits: np.ndarray, ranges: np.ndarray, increment: float, step: float) -> np.ndarray:
+def widest(labels: np.ndarray, hits: np.ndarray, depths: np.ndarray, increment: float, step: float) -> np.ndarray:
     """(L,) metres that each thing can be wide at most; +inf where something nearer may hide part of it.
 
     It lies between the beams that passed it on both sides. A beam without a distance may have been lost on it.
@@ -19,7 +19,7 @@ def widest(labels: np.ndarray, hits: np.ndarray, ranges: np.ndarray, increment: 
     Args:
         labels: (N,) thing 0 ... L - 1 that each point belongs to.
         hits: (N,) beam of each point, increasing.
-        ranges: (B,) of all beams, NaN where there is none.
+        depths: (B + 2,) ranges of all beams and of those beside the first and the last, NaN where there is none.
         increment: between beams, radians.
         step: a neighbouring beam that ends so much farther away has passed, metres.
     """
@@ -28,10 +28,10 @@ def widest(labels: np.ndarray, hits: np.ndarray, ranges: np.ndarray, increment: 
     members, starts = clusters.by_label(labels)
     ends = np.append(starts[1:], len(members)) - 1
     first, last = hits[members[starts]], hits[members[ends]]
-    depths = np.concatenate([[np.nan], ranges, [np.nan]])
+    begin, end = depths[first + 1], depths[last + 1]
     with np.errstate(invalid="ignore"):
-        passed = (depths[first] - ranges[first] > step) & (depths[last + 2] - ranges[last] > step)
-    return np.where(passed, (last - first + 2) * abs(increment) * np.maximum(ranges[first], ranges[last]), np.inf)
+        passed = (depths[first] - begin > step) & (depths[last + 2] - end > step)
+    return np.where(passed, (last - first + 2) * abs(increment) * np.maximum(begin, end), np.inf)
 
 
 def one_piece(points: np.ndarray, segments: np.ndarray, width: float, dent: float) -> np.ndarray:
