@@ -108,7 +108,7 @@ def test_what_is_certainly_thinner_than_a_shin_is_none(increment):
     distance = 0.02 / increment  # two centimetres between beams
     legs = cue(min_leg_width=0.08, max_segment_width=0.5)
     assert len(legs.measure(thing(0.04, distance, increment), None)) == 0
-    assert len(legs.measure(thing(0.10, distance, increment), None)) == 1
+    assert len(legs.measure(thing(0.08, distance, increment), None)) == 1
     assert len(legs.measure(thing(0.04, 2.5 * distance, increment), None)) == 0  # a single beam is noise
     assert len(cue(max_segment_width=0.5).measure(thing(0.04, distance, increment), None)) == 1
 

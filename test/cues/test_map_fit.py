@@ -66,6 +66,15 @@ def test_localisation_that_is_sure_is_believed():
     assert found == pytest.approx(seen, abs=0.001)
 
 
+def test_correction_is_a_compromise_of_map_and_localisation():
+    def correction(position_std):
+        seen = square(count=10) + [0.1, 0.0]
+        found, _ = map_fit.corrected(seen, np.zeros(2), covariance(position_std, 1e-6), room(), 65)
+        return (seen - found)[:, 0].mean()
+
+    assert 0.001 < correction(0.003) < 0.04 < 0.08 < correction(0.1) < 0.12
+
+
 def test_one_wall_says_nothing_along_itself():
     wall = np.column_stack([np.linspace(-1.0, 1.0, 60), np.full(60, 4.0)])
     found, left = map_fit.corrected(wall + [0.06, 0.06], np.zeros(2), covariance(0.05, 1e-6), room(), 65)

@@ -44,9 +44,9 @@ def test_doubt_ends_who_rests_and_spares_who_walked_a_moment_ago(detect):
     still = [(1.0, 0.0)] * 60
     shown = reported(build(), detect, still, [0.9] * 10 + [0.2] * 50)
     assert shown[9] and not shown[-1]
-    walk = [(0.06 * min(step, 20), 0.0) for step in range(60)]
-    shown = reported(build(), detect, walk, [0.9] * 20 + [0.2] * 40)
-    assert shown[-1]
+    walk = [(0.06 * min(step, 20), 0.0) for step in range(100)]
+    shown = reported(build(), detect, walk, [0.9] * 20 + [0.2] * 80)
+    assert shown[59] and not shown[-1]
 
 
 def spread(tracker):
