@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Dict, Mapping, Tuple, Union
@@ -10,11 +11,13 @@ from typing import Any, Dict, Mapping, Tuple, Union
 import numpy as np
 
 from people_fusion.core.errors import ConfigError
+from people_fusion.core.resources import directory
 from people_fusion.cues.legs.adaboost import Stumps
 from people_fusion.cues.legs.features import MIN_POINTS, NAMES, features
 from people_fusion.cues.legs.segments import Segments
 
 FORMAT = 1
+EVIDENCE_LIMIT = 4.0  # natural logarithm: one look at one segment never says more than 50 to 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +50,12 @@ class LegModel:
         judged = 1.0 / (1.0 + np.exp(-(self.slope * self.stumps.scores(features(segments)) + self.offset)))
         return np.where(segments.counts < MIN_POINTS, self.prior, judged)
 
+    def evidence(self, segments: Segments) -> np.ndarray:
+        """(S,) logarithm of how much likelier each segment looks so if it is a leg; 0 where nobody can judge."""
+        log_odds = self.slope * self.stumps.scores(features(segments)) + self.offset
+        evidence = np.clip(log_odds - math.log(self.prior / (1.0 - self.prior)), -EVIDENCE_LIMIT, EVIDENCE_LIMIT)
+        return np.where(segments.counts < MIN_POINTS, 0.0, evidence)
+
     def save(self, path: Union[str, Path]) -> None:
         """Write as JSON; the same model gives the same bytes."""
         stumps = [
@@ -68,14 +77,20 @@ class LegModel:
         Path(path).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
-def load_leg_model(path: Union[str, Path]) -> LegModel:
+def load_leg_model(name: Union[str, Path]) -> LegModel:
     """Read what `LegModel.save` wrote.
+
+    Args:
+        name: of a model in config/models, e.g. "legs", or of a JSON file.
 
     Raises:
         ConfigError: the file is missing or is not such a model; the message names it.
     """
+    path = Path(name)
+    if path.suffix == "" and len(path.parts) == 1:
+        path = directory("config") / "models" / f"{name}.json"
     try:
-        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from error
     except ValueError as error:
