@@ -2,7 +2,6 @@
 
 A cue that is silent or slow, announces without delivering, delivers without announcing, restarts, floods, repeats
 itself or stamps into the future neither stalls nor misleads the others; each such event is counted under its name.
-What a cue has announced and passed over is not waited for, as cues work on their messages in order.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ class Member:
         silence_ns: after which it is not waited for any more.
         lag_ns: how old its last message was when it told of it.
         pending: announced and neither delivered nor withdrawn: order -> when it was announced.
-        stalled: it has let an announcement expire, or passed it over, and not delivered in time since.
+        stalled: it has let an announcement expire, and not delivered in time since, owing nothing older.
         withdrew: nothing comes of the last message that it told of.
     """
 
@@ -128,10 +127,9 @@ class Roster:
             self._count(cue, "lost: stamp delivered before")
             return False
         if member.pending.pop(measurement.order, None) is not None:
-            member.stalled = False
+            owes_older = bool(member.pending) and next(iter(member.pending)) < measurement.order
+            member.stalled = member.stalled and owes_older
             member.heard_ns = now_ns
-            while member.pending and next(iter(member.pending)) < measurement.order:
-                self._give_up(cue, member, "announced and passed over")
         elif measurement.order in member.expired:
             del member.expired[measurement.order]
             self._count(cue, "delivered after its announcement expired")
