@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Dict, List, Optional, Type, Union
+from typing import Any, Callable, Dict, List, Optional, Type, Union
 
 import numpy as np
 from rosbags.rosbag1 import Writer
@@ -22,6 +22,7 @@ from people_fusion.replay.typestore import typestore
 
 TRACKS_TOPIC = "/people_fusion/tracks"
 DETECTIONS_TOPIC = "/people_fusion/detections"
+ANNOUNCEMENTS_TOPIC = "/people_fusion/announcements"
 PREDICTION_LIMIT_NS = NANOSECONDS  # older tracks say nothing about an instant
 
 _TRACKS = "people_fusion/msg/TrackedPersons"
@@ -79,24 +80,9 @@ class TrackWriter:
 
     def write_measurement(self, measurement: Measurement, arrival_ns: int) -> None:
         """A cue's detections, in its sensor's frame."""
-        sight = measurement.sight
+        fields = detection_fields(measurement, self._make)
         self._write(
-            DETECTIONS_TOPIC,
-            _DETECTIONS,
-            arrival_ns,
-            measurement.stamp_ns,
-            measurement.frame_id,
-            cue=measurement.cue,
-            modality=measurement.modality,
-            sequence=measurement.sequence,
-            period=float(measurement.period_s),
-            detections=[self._detected(measurement, row) for row in range(len(measurement))],
-            sight_angle_min=0.0 if sight is None else float(sight.angle_min),
-            sight_angle_increment=0.0 if sight is None else float(sight.angle_increment),
-            sight_range_max=0.0 if sight is None else float(sight.range_max),
-            sight_ranges=np.zeros(0, np.float32) if sight is None else sight.ranges.astype(np.float32),
-            legs=[self._make("geometry_msgs/msg/Point32", *leg, 0.0) for leg in measurement.legs.tolist()],
-            leg_owners=measurement.leg_owners.astype(np.uint32),
+            DETECTIONS_TOPIC, _DETECTIONS, arrival_ns, measurement.stamp_ns, measurement.frame_id, **fields
         )
 
     def _write(self, topic: str, kind: str, arrival_ns: int, stamp_ns: int, frame_id: str, **fields: Any) -> None:
@@ -112,19 +98,6 @@ class TrackWriter:
 
     def _make(self, kind: str, *fields: Any) -> Any:
         return self._store.types[kind](*fields)
-
-    def _detected(self, measurement: Measurement, row: int) -> Any:
-        covariance = np.zeros((6, 6))
-        covariance[:3, :3] = measurement.covariances[row]
-        unobserved = [*np.flatnonzero(~np.array(measurement.observed)), 3, 4, 5]
-        covariance[unobserved, unobserved] = UNOBSERVED_VARIANCE
-        return self._make(
-            "people_fusion/msg/DetectedPerson",
-            measurement.sequence * DETECTIONS_PER_MESSAGE + row,
-            float(measurement.confidences[row]),
-            self._pose(measurement.positions[row], 0.0, covariance),
-            measurement.modality,
-        )
 
     def _tracked(self, tracks: Tracks, row: int, yaw: float, yaw_variance: float) -> Any:
         pose_covariance, twist_covariance = np.zeros((6, 6)), np.zeros((6, 6))
@@ -145,15 +118,48 @@ class TrackWriter:
             0,
             self._make("builtin_interfaces/msg/Duration", *split(from_seconds(float(tracks.ages_s[row])))),
             float(tracks.existence[row]),
-            self._pose(tracks.means[row, :3], yaw, pose_covariance),
+            _pose(tracks.means[row, :3], yaw, pose_covariance, self._make),
             self._make("geometry_msgs/msg/TwistWithCovariance", twist, twist_covariance.ravel()),
         )
 
-    def _pose(self, position: np.ndarray, yaw: float, covariance: np.ndarray) -> Any:
-        point = self._make("geometry_msgs/msg/Point", *position.tolist())
-        turn = self._make("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
-        pose = self._make("geometry_msgs/msg/Pose", point, turn)
-        return self._make("geometry_msgs/msg/PoseWithCovariance", pose, covariance.ravel())
+
+def detection_fields(measurement: Measurement, make: Callable[..., Any]) -> Dict[str, Any]:
+    """Fields of people_fusion/DetectedPersons but its header; `make` builds a message of its type and its fields."""
+    sight = measurement.sight
+    return {
+        "cue": measurement.cue,
+        "modality": measurement.modality,
+        "sequence": measurement.sequence,
+        "period": float(measurement.period_s),
+        "detections": [_detected(measurement, row, make) for row in range(len(measurement))],
+        "sight_angle_min": 0.0 if sight is None else float(sight.angle_min),
+        "sight_angle_increment": 0.0 if sight is None else float(sight.angle_increment),
+        "sight_range_max": 0.0 if sight is None else float(sight.range_max),
+        "sight_ranges": np.zeros(0, np.float32) if sight is None else sight.ranges.astype(np.float32),
+        "legs": [make("geometry_msgs/msg/Point32", *leg, 0.0) for leg in measurement.legs.tolist()],
+        "leg_owners": measurement.leg_owners.astype(np.uint32),
+    }
+
+
+def _detected(measurement: Measurement, row: int, make: Callable[..., Any]) -> Any:
+    covariance = np.zeros((6, 6))
+    covariance[:3, :3] = measurement.covariances[row]
+    unobserved = [*np.flatnonzero(~np.array(measurement.observed)), 3, 4, 5]
+    covariance[unobserved, unobserved] = UNOBSERVED_VARIANCE
+    return make(
+        "people_fusion/msg/DetectedPerson",
+        measurement.sequence * DETECTIONS_PER_MESSAGE + row,
+        float(measurement.confidences[row]),
+        _pose(measurement.positions[row], 0.0, covariance, make),
+        measurement.modality,
+    )
+
+
+def _pose(position: np.ndarray, yaw: float, covariance: np.ndarray, make: Callable[..., Any]) -> Any:
+    point = make("geometry_msgs/msg/Point", *position.tolist())
+    turn = make("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
+    pose = make("geometry_msgs/msg/Pose", point, turn)
+    return make("geometry_msgs/msg/PoseWithCovariance", pose, covariance.ravel())
 
 
 def read_tracks(recording: Recording, topic: Topic) -> List[Tracks]:

@@ -12,10 +12,13 @@ from rosbags.typesys.store import Typestore
 
 from people_fusion.core.errors import RecordingError
 from people_fusion.core.grids import OccupancyGrid
+from people_fusion.core.measurements import Measurement
 from people_fusion.core.poses import Pose
 from people_fusion.core.scans import Scan
 from people_fusion.core.stamps import from_seconds, split
+from people_fusion.replay.track_bag import detection_fields
 from people_fusion.replay.typestore import typestore
+from people_fusion.simulation.detector import Told
 from people_fusion.simulation.simulator import (
     FOOTPRINT,
     MAP,
@@ -93,6 +96,10 @@ class _Messages:
             return self._annotation(item, sequence)
         if isinstance(item, OccupancyGrid):
             return self._map(item, sequence)
+        if isinstance(item, Measurement):
+            return self._detections(item, sequence)
+        if isinstance(item, Told):
+            return self._announcement(item, sequence)
         raise TypeError(f"no message for {type(item).__name__}")
 
     def _make(self, kind: str, *fields: Any) -> Any:
@@ -188,6 +195,17 @@ class _Messages:
                 )
             )
         return kind, self._make(kind, self._header(sequence, annotation.stamp_ns, MAP), people)
+
+    def _detections(self, measurement: Measurement, sequence: int) -> Tuple[str, Any]:
+        kind = "people_fusion/msg/DetectedPersons"
+        header = self._header(sequence, measurement.stamp_ns, measurement.frame_id)
+        return kind, self._types[kind](header=header, **detection_fields(measurement, self._make))
+
+    def _announcement(self, told: Told, sequence: int) -> Tuple[str, Any]:
+        kind = "people_fusion/msg/MeasurementAnnouncement"
+        told_of = told.announcement
+        header = self._header(sequence, told_of.stamp_ns, told.frame_id)
+        return kind, self._make(kind, header, told_of.cue, told_of.sequence, told_of.withdrawn)
 
     def _map(self, grid: OccupancyGrid, sequence: int) -> Tuple[str, Any]:
         kind = "nav_msgs/msg/OccupancyGrid"

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Dict, Optional, Tuple
+from typing import Any, Dict, Optional, Tuple
 
-from people_fusion.core.config import load_yaml, parameter, parse, section
+from people_fusion.core.config import load_yaml, merge, parameter, parse, section
 from people_fusion.core.errors import ConfigError
 from people_fusion.core.resources import directory
 from people_fusion.core.transforms import DriftConfig
+from people_fusion.simulation.detector import DetectorConfig
 from people_fusion.simulation.gait import GaitConfig
 from people_fusion.simulation.localisation import AmclConfig
 from people_fusion.simulation.people import BehaviourConfig, PersonConfig, SpotConfig
@@ -52,6 +53,7 @@ class ScenarioConfig:
     gait: GaitConfig = section(GaitConfig, "how they walk")
     robot: RobotConfig = section(RobotConfig, "what the robot does")
     scanners: Tuple[ScannerConfig, ...] = parameter((FRONT, REAR), "the robot's laser scanners")
+    detectors: Tuple[DetectorConfig, ...] = parameter((), "emulated camera cues; no images are made")
     odometry_rate: float = parameter(25.0, "of odometry and of both dynamic transforms, Hz", low=1.0, high=50.0)
     drift: DriftConfig = section(DriftConfig, "of the odometry")
     amcl: AmclConfig = section(AmclConfig, "the localisation")
@@ -68,7 +70,8 @@ class ScenarioConfig:
 def load_scenario(name: str) -> ScenarioConfig:
     """A scenario by its name in ``config/scenarios`` or by the path of its YAML file.
 
-    A grid's path is relative to that file.
+    A grid's path is relative to that file. With ``base``, the name of another scenario in the same folder, a file says
+    only what is different there.
 
     Raises:
         ConfigError: there is no such scenario, or something in it is wrong; the message names it.
@@ -80,8 +83,16 @@ def load_scenario(name: str) -> ScenarioConfig:
         if not path.is_file():
             known = ", ".join(sorted(file.stem for file in folder.glob("*.yaml")))
             raise ConfigError(f"no scenario {name!r}; there are {known}, or give a YAML file")
+    return parse(ScenarioConfig, _mapping(path))
+
+
+def _mapping(path: Path) -> Any:
+    """What a scenario's file says, laid over its base."""
     mapping = load_yaml(path)
-    room = mapping.get("room") if isinstance(mapping, dict) else None
+    if not isinstance(mapping, dict):
+        return mapping
+    room = mapping.get("room")
     if isinstance(room, dict) and isinstance(room.get("grid"), str):
         mapping = {**mapping, "room": {**room, "grid": str(path.parent / room["grid"])}}
-    return parse(ScenarioConfig, mapping)
+    base = mapping.pop("base", None)
+    return mapping if base is None else merge(_mapping(path.parent / f"{base}.yaml"), mapping)

@@ -8,9 +8,12 @@ from typing import Any, Iterable, Iterator, List, Tuple
 
 import numpy as np
 
+from people_fusion.core.measurements import Measurement
 from people_fusion.core.poses import Pose, UncertainPose
 from people_fusion.core.stamps import NANOSECONDS, from_seconds
+from people_fusion.replay.track_bag import ANNOUNCEMENTS_TOPIC, DETECTIONS_TOPIC
 from people_fusion.simulation import planar
+from people_fusion.simulation.detector import Detector
 from people_fusion.simulation.localisation import drift, localise
 from people_fusion.simulation.plan import Plan
 from people_fusion.simulation.scanner import Scanner
@@ -74,14 +77,15 @@ class Annotation:
     age_s: float
 
 
-Event = Tuple[str, int, Any]  # topic, arrival, one of the types above, Scan, OccupancyGrid or a tuple of FrameTransform
+# Topic, arrival, and one of the types above, Scan, OccupancyGrid, a tuple of FrameTransform, Told or Measurement.
+Event = Tuple[str, int, Any]
 
 
 def simulate(scenario: ScenarioConfig, seed: int) -> Iterator[Event]:
     """Everything that is recorded, in order of arrival: (topic, arrival in nanoseconds, object).
 
     The objects are Scan, OccupancyGrid (/map), FrameTransform (/tf), a tuple of them (/tf_static), OdometryReading
-    (/odom), LocalisationFix (/amcl_pose) and Annotation (/ground_truth).
+    (/odom), LocalisationFix (/amcl_pose), Annotation (/ground_truth), and of emulated camera cues Told and Measurement.
 
     Raises:
         ConfigError: the room has no place for the robot or for the people.
@@ -111,6 +115,9 @@ class Simulation:
             self._generator("people"),
         )
         self.scanners = [Scanner(config, self.plan, self._generator(config.topic)) for config in scenario.scanners]
+        self.detectors = [
+            Detector(config, self.plan, self._generator(f"detector {config.name}")) for config in scenario.detectors
+        ]
 
     def events(self) -> Iterator[Event]:
         """See `simulate`. May be called once."""
@@ -118,6 +125,7 @@ class Simulation:
         streams += self._poses()
         streams += [self._arrive(s.config.topic, self._scans(s), s.config.sweep_s) for s in self.scanners]
         streams.append(self._arrive("/ground_truth", self._annotations()))
+        streams += [self._detections(detector) for detector in self.detectors]
         return heapq.merge(*streams, key=lambda event: event[1])
 
     def _generator(self, purpose: str) -> np.random.Generator:
@@ -142,6 +150,9 @@ class Simulation:
         links = [FrameTransform(START_NS, FOOTPRINT, BASE, _pose(np.zeros(3), BASE_HEIGHT))]
         for config in self.scenario.scanners:
             links.append(FrameTransform(START_NS, BASE, config.frame, _pose(config.mount, config.at[2])))
+        cameras = {detector.config.frame: detector for detector in self.detectors}
+        for frame, detector in cameras.items():
+            links.append(FrameTransform(START_NS, BASE, frame, _pose(detector.mount, detector.config.at[2])))
         yield "/tf_static", START_NS, tuple(links)
         yield "/map", START_NS, self.plan.grid(self.history.robot[0, :2])
 
@@ -176,6 +187,17 @@ class Simulation:
     def _scans(self, scanner: Scanner) -> Iterator[Any]:
         for time in self._times(scanner.config.rate, scanner.config.offset_s):
             yield scanner.scan(self.history, float(time), _stamp(time))
+
+    def _detections(self, detector: Detector) -> Iterator[Event]:
+        config = detector.config
+        times = self._times(config.rate, config.offset_s)
+        # Cues of one camera share its images and their read-out.
+        draws = self._generator(f"camera {config.frame}").standard_normal(len(times))
+        delays_s = np.maximum(config.readout_s + config.readout_std_s * draws, 0.0)
+        stamps_ns = [_stamp(time) for time in times]
+        for arrival_ns, item in detector.events(self.history, BASE_HEIGHT, times, stamps_ns, delays_s):
+            topic = DETECTIONS_TOPIC if isinstance(item, Measurement) else ANNOUNCEMENTS_TOPIC
+            yield topic, arrival_ns, item
 
     def _annotations(self) -> Iterator[Annotation]:
         config, history = self.scenario.ground_truth, self.history
