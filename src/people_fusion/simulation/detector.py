@@ -176,7 +176,7 @@ class Detector:
         return np.column_stack([flat, heads[:, 2] - base_height - self.config.at[2]])
 
     def _roots(self, points: np.ndarray) -> np.ndarray:
-        """(N, 3, 3) square roots, symmetric, of the covariances of detections at points (N, 3) in the camera's frame."""
+        """(N, 3, 3) square roots, symmetric, of the covariances of detections at points (N, 3) of the camera."""
         distances = np.maximum(np.linalg.norm(points, axis=1), 1e-9)[:, None, None]
         ways = points[:, :, None] / distances
         outer = ways @ ways.swapaxes(1, 2)
