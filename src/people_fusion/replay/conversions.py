@@ -8,10 +8,12 @@ import numpy as np
 
 from people_fusion.core.errors import DataError
 from people_fusion.core.grids import OccupancyGrid
+from people_fusion.core.measurements import Announcement, Measurement
 from people_fusion.core.poses import Pose, UncertainPose
 from people_fusion.core.scans import Scan
 from people_fusion.core.stamps import join
 from people_fusion.core.transforms import normalise_frame
+from people_fusion.core.wire import measurement_of
 
 
 class Link(NamedTuple):
@@ -124,3 +126,27 @@ def occupancy_grid(message: Any) -> OccupancyGrid:
         message.data,
         stamp(message.header),
     )
+
+
+def announcement(message: Any) -> Announcement:
+    """Announcement of a people_fusion/MeasurementAnnouncement.
+
+    Raises:
+        DataError: it has no stamp or names no cue.
+    """
+    stamp_ns = stamp(message.header)
+    if stamp_ns == 0 or not message.cue:
+        raise DataError("announcement without stamp or without a cue's name")
+    return Announcement(stamp_ns, message.cue, int(message.sequence), bool(message.withdrawn))
+
+
+def measurement(message: Any) -> Measurement:
+    """Measurement of a people_fusion/DetectedPersons, in the sensor's frame.
+
+    Raises:
+        DataError: names the first thing that is wrong.
+    """
+    stamp_ns = stamp(message.header)
+    if stamp_ns == 0:
+        raise DataError("detections without a stamp")
+    return measurement_of(message, stamp_ns, normalise_frame(message.header.frame_id))

@@ -7,7 +7,7 @@ raises DataError; frames lose the leading slash that tf2 refuses.
 from __future__ import annotations
 
 import math
-from typing import Any, List, Optional, Tuple
+from typing import Any, List, Tuple
 
 import numpy as np
 from geometry_msgs.msg import Point, Point32, PoseArray, PoseWithCovarianceStamped
@@ -21,13 +21,19 @@ from std_msgs.msg import Header
 from people_fusion.core.errors import DataError
 from people_fusion.core.gaussians import checked_covariance
 from people_fusion.core.grids import OccupancyGrid
-from people_fusion.core.measurements import XY_OBSERVED, Measurement, Sight
+from people_fusion.core.measurements import Measurement
 from people_fusion.core.poses import Pose, UncertainPose
 from people_fusion.core.scans import Scan
 from people_fusion.core.stamps import NANOSECONDS, from_seconds, join, split, to_seconds
 from people_fusion.core.tracks import Tracks
-from people_fusion.core.wire import DETECTIONS_PER_MESSAGE, UNOBSERVED_VARIANCE, headings
-from people_fusion.msg import DetectedPerson, DetectedPersons, TrackedPerson, TrackedPersons
+from people_fusion.core.wire import DETECTIONS_PER_MESSAGE, UNOBSERVED_VARIANCE, headings, measurement_of
+from people_fusion.msg import (
+    DetectedPerson,
+    DetectedPersons,
+    MeasurementAnnouncement,
+    TrackedPerson,
+    TrackedPersons,
+)
 
 
 def stamp_from_msg(stamp: Any) -> int:
@@ -162,6 +168,29 @@ def localisation_to_msg(stamp_ns: int, frame_id: str, world_from_base: Uncertain
     return message
 
 
+def announcement_from_msg(message: Any) -> Announcement:
+    """Announcement of a people_fusion/MeasurementAnnouncement; its frame matters to nobody.
+
+    Raises:
+        DataError: no stamp, or no cue.
+    """
+    if not message.header.stamp:
+        raise DataError("announcement without a stamp")
+    if not message.cue:
+        raise DataError("announcement without a cue's name")
+    return Announcement(stamp_from_msg(message.header.stamp), message.cue, message.sequence, message.withdrawn)
+
+
+def announcement_to_msg(announcement: Announcement, frame_id: str) -> Any:
+    """people_fusion/MeasurementAnnouncement of a sensor message in this frame."""
+    return MeasurementAnnouncement(
+        header=header_to_msg(announcement.stamp_ns, frame_id),
+        cue=announcement.cue,
+        sequence=announcement.sequence,
+        withdrawn=announcement.withdrawn,
+    )
+
+
 def measurement_from_msg(message: Any) -> Measurement:
     """Measurement of a people_fusion/DetectedPersons, in the sensor's frame.
 
@@ -169,45 +198,7 @@ def measurement_from_msg(message: Any) -> Measurement:
         DataError: names the first thing that is wrong; no part of the message is taken then.
     """
     _stamped(message.header, "detections")
-    detections = message.detections
-    if not message.cue:
-        raise DataError("detections without a cue's name")
-    if not (math.isfinite(message.period) and message.period >= 0.0):
-        raise DataError("detections with an impossible period", f"{message.period} s")
-    positions = np.array([_xyz(d.pose.pose.position) for d in detections]).reshape(-1, 3)
-    confidences = np.array([d.confidence for d in detections], dtype=float)
-    whole = np.array([d.pose.covariance for d in detections], dtype=float).reshape(-1, 6, 6)
-    covariances = whole[:, :3, :3]
-    if not (np.isfinite(positions).all() and np.isfinite(confidences).all()):
-        raise DataError("detection is not finite")
-    if ((confidences < 0.0) | (confidences > 1.0)).any():
-        raise DataError("detection's confidence is not within [0, 1]", f"{confidences}")
-    masked = np.diagonal(covariances, axis1=1, axis2=2) >= UNOBSERVED_VARIANCE
-    if len(masked) and (masked != masked[0]).any():
-        raise DataError("detections of one message observe different axes")
-    observed = ~masked[0] if len(masked) else np.array(XY_OBSERVED)
-    if not observed[:2].all():
-        raise DataError("detections without a place in the plane", f"observed: {observed.tolist()}")
-    covariances = checked_covariance(covariances * (observed[:, None] & observed), "detection's covariance")
-    legs = np.array([(leg.x, leg.y) for leg in message.legs], dtype=float).reshape(-1, 2)
-    owners = np.asarray(message.leg_owners, dtype=int)
-    if len(owners) != len(legs) or (len(owners) and owners.max() >= len(detections)) or not np.isfinite(legs).all():
-        raise DataError("legs do not fit the detections", f"{len(legs)} legs, owners {owners}")
-    return Measurement(
-        stamp_ns=stamp_from_msg(message.header.stamp),
-        cue=message.cue,
-        modality=message.modality,
-        frame_id=frame_from_msg(message.header.frame_id),
-        positions=positions,
-        covariances=covariances,
-        confidences=confidences,
-        observed=(bool(observed[0]), bool(observed[1]), bool(observed[2])),
-        period_s=message.period,
-        sequence=message.sequence,
-        sight=_sight_from_msg(message),
-        legs=legs,
-        leg_owners=owners,
-    )
+    return measurement_of(message, stamp_from_msg(message.header.stamp), frame_from_msg(message.header.frame_id))
 
 
 def measurement_to_msg(measurement: Measurement) -> Any:
@@ -328,25 +319,6 @@ def _velocities(tracks: Tracks) -> np.ndarray:
     velocities = np.zeros((len(tracks), 3))
     velocities[:, : tracks.means.shape[1] - 3] = tracks.means[:, 3:]
     return velocities
-
-
-def _sight_from_msg(message: Any) -> Optional[Sight]:
-    ranges = np.asarray(message.sight_ranges, dtype=float)
-    if len(ranges) == 0:
-        return None
-    numbers = (message.sight_angle_min, message.sight_angle_increment, message.sight_range_max)
-    if not all(map(math.isfinite, numbers)):
-        raise DataError("sight is not finite", f"{numbers}")
-    if message.sight_angle_increment == 0.0:
-        raise DataError("sight with all beams in one direction")
-    return Sight(
-        position=np.zeros(2),
-        yaw=0.0,
-        angle_min=message.sight_angle_min,
-        angle_increment=message.sight_angle_increment,
-        ranges=ranges,
-        range_max=message.sight_range_max,
-    )
 
 
 def _stamped(header: Any, what: str) -> None:
