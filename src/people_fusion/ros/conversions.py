@@ -21,7 +21,7 @@ from std_msgs.msg import Header
 from people_fusion.core.errors import DataError
 from people_fusion.core.gaussians import checked_covariance
 from people_fusion.core.grids import OccupancyGrid
-from people_fusion.core.measurements import Measurement
+from people_fusion.core.measurements import Announcement, Measurement
 from people_fusion.core.poses import Pose, UncertainPose
 from people_fusion.core.scans import Scan
 from people_fusion.core.stamps import NANOSECONDS, from_seconds, join, split, to_seconds

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections import Counter
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Sequence
@@ -77,8 +78,10 @@ class Diagnostics:
         self._missing = missing
         self._received: Counter = Counter()
         self._bad: Counter = Counter()
+        self._lock = threading.Lock()  # bad data is told of by several threads
         self._complained: Dict[str, float] = {}
         self._losses: List[Callable[[], Mapping[str, int]]] = []
+        self._events: List[Callable[[], Mapping[str, int]]] = []
         self._facts: List[Callable[[], Mapping[str, Any]]] = []
         self._reported: Counter = Counter()
         self._last = (time.monotonic(), time.process_time(), 0)
@@ -94,7 +97,8 @@ class Diagnostics:
 
     def bad(self, reason: str, detail: str = "") -> None:
         """A message was given up; the log hears of each reason now and then."""
-        self._bad[reason] += 1
+        with self._lock:
+            self._bad[reason] += 1
         now = time.monotonic()
         if now - self._complained.get(reason, float("-inf")) > COMPLAIN_EVERY_S:
             self._complained[reason] = now
@@ -110,6 +114,10 @@ class Diagnostics:
         """Counters of messages that were given up: an increase is a warning."""
         self._losses.append(counters)
 
+    def add_events(self, counters: Callable[[], Mapping[str, int]]) -> None:
+        """Counters of what should not happen, under their own names: an increase is a warning."""
+        self._events.append(counters)
+
     def add_facts(self, facts: Callable[[], Mapping[str, Any]]) -> None:
         """Values that are merely shown."""
         self._facts.append(facts)
@@ -122,11 +130,15 @@ class Diagnostics:
         now, cpu, received = time.monotonic(), time.process_time(), sum(self._received.values())
         elapsed, spent, messages = (b - a for a, b in zip(self._last, (now, cpu, received)))
         self._last = (now, cpu, received)
-        lost = Counter(self._bad)
+        with self._lock:
+            lost = Counter(self._bad)
         for losses in self._losses:
             lost.update(losses())
-        fresh = lost - self._reported
-        self._reported = lost
+        events: Counter = Counter()
+        for counters in self._events:
+            events.update(counters())
+        fresh = lost + events - self._reported
+        self._reported = lost + events
         silent = {name: now - at for name, at in self._heard.items()}
         level, message = judge(silent, self._missing(), fresh, now - self._jumped_at, now)
         status.summary(level, message)
@@ -138,6 +150,8 @@ class Diagnostics:
         for facts in self._facts:
             for name, value in facts().items():
                 status.add(name, str(value))
+        for name, count in sorted(events.items()):
+            status.add(name, str(count))
         for reason, count in sorted(lost.items()):
             status.add(f"lost: {reason}", str(count))
         return status

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, NamedTuple, Optional, Tuple, Union
 
 import rospy
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -16,13 +17,19 @@ from visualization_msgs.msg import MarkerArray
 from people_fusion.core.config import parameter
 from people_fusion.core.errors import ConfigError, DataError, TransformUnavailable
 from people_fusion.core.grids import OccupancyGrid
-from people_fusion.core.measurements import Measurement
+from people_fusion.core.measurements import Announcement, Measurement
 from people_fusion.core.scans import Scan
 from people_fusion.core.waiting import WaitingRoom
 from people_fusion.cues.cue import CUES, Cue, TransformRequest
-from people_fusion.msg import DetectedPersons
+from people_fusion.msg import DetectedPersons, MeasurementAnnouncement
 from people_fusion.ros import topics
-from people_fusion.ros.conversions import grid_from_msg, localisation_from_msg, measurement_to_msg, scan_from_msg
+from people_fusion.ros.conversions import (
+    announcement_to_msg,
+    grid_from_msg,
+    localisation_from_msg,
+    measurement_to_msg,
+    scan_from_msg,
+)
 from people_fusion.ros.markers import detection_markers
 from people_fusion.ros.node import Node, Part, run
 from people_fusion.ros.transforms import request_is_met
@@ -31,9 +38,13 @@ from people_fusion.tracking.fusion import FusionConfig
 SCAN_QUEUE = 10  # a second of most scanners: the node may stall for that long, and must not lag by more
 SCAN_BUFFER = 1 << 20  # bytes; rospy lags where a message does not fit
 DETECTION_QUEUE = 20
+ANNOUNCEMENT_QUEUE = 100
 LOCALISATION_QUEUE = 10
 MARKER_QUEUE = 2
 MAP_PATIENCE_S = 3.0  # a map whose frame has never been seen for so long is laid aside until it is
+
+
+Deliver = Callable[[Union[Announcement, Measurement]], None]
 
 
 @dataclass(frozen=True)
@@ -50,6 +61,7 @@ class LegCueSettings:
 
 class _Waiting(NamedTuple):
     cue: Cue
+    announcement: Announcement
     scan: Scan
     requests: Tuple[TransformRequest, ...]
 
@@ -58,15 +70,21 @@ class LegCues(Part):
     """The leg cues of one process.
 
     Args:
-        deliver: takes each measurement, in the sensor's frame, as soon as it is made.
+        deliver: takes announcements the moment scans come, and each measurement, in the sensor's frame, as soon as it
+            is made; None: they are published for a tracker in another process.
     """
 
     def __init__(
-        self, node: Node, settings: LegCueSettings, config: FusionConfig, deliver: Callable[[Measurement], None]
+        self, node: Node, settings: LegCueSettings, config: FusionConfig, deliver: Optional[Deliver] = None
     ) -> None:
         self._node, self._deliver = node, deliver
+        self._announcements = rospy.Publisher(
+            topics.ANNOUNCEMENTS, MeasurementAnnouncement, queue_size=ANNOUNCEMENT_QUEUE, tcp_nodelay=True
+        )
         self._source = node.source if settings.use_tf else None
-        self._waiting: WaitingRoom[_Waiting] = WaitingRoom(self._is_ready, config.transforms.patience_s)
+        self._waiting: WaitingRoom[_Waiting] = WaitingRoom(
+            self._is_ready, config.transforms.patience_s, gave_up=self._withdraw
+        )
         self._cues: Dict[str, Cue] = {}
         self._grid: Optional[OccupancyGrid] = None
         self._map_is_used = False
@@ -91,16 +109,18 @@ class LegCues(Part):
         self._watch_map()
         if not self._waiting:
             return
-        for cue, scan, _ in self._waiting.poll(self._node.now_ns()):
+        for waiting in self._waiting.poll(self._node.now_ns()):
+            cue, announcement = waiting.cue, waiting.announcement
             try:
-                measurement = cue.measure(scan, self._source)
+                measurement = cue.measure(waiting.scan, self._source)
             except DataError as error:
                 self._node.diagnostics.bad(error.reason, f"{cue.name}: {error}")
+                self._withdraw(waiting)
             except TransformUnavailable as error:
                 self._node.diagnostics.bad("transform went missing", str(error))
+                self._withdraw(waiting)
             else:
-                self._publish(measurement)
-                self._deliver(measurement)
+                self._publish(dataclasses.replace(measurement, sequence=announcement.sequence))
 
     def reset(self) -> None:
         """Time has jumped."""
@@ -112,10 +132,17 @@ class LegCues(Part):
         def on_scan(message: Any) -> None:
             self._node.diagnostics.heard(topic)
             scan = scan_from_msg(message)
-            if not self._node.timeline.admit(cue.name, scan.stamp_ns):
-                raise DataError("scan left over from before a time jump")
+            self._node.timeline.require(cue.name, scan.stamp_ns)
+            announcement = cue.announce(scan.stamp_ns)
+            self._announce(announcement, scan.frame_id)
             self._newest = scan
-            waiting = _Waiting(cue, scan, cue.transforms_needed(scan) if self._source else ())
+            waiting = _Waiting(cue, announcement, scan, ())
+            try:
+                requests = cue.transforms_needed(scan) if self._source else ()
+            except DataError:
+                self._withdraw(waiting)
+                raise
+            waiting = waiting._replace(requests=requests)
             self._waiting.push(cue.name, scan.stamp_ns, waiting, self._node.now_ns())
             self.serve()
 
@@ -154,7 +181,18 @@ class LegCues(Part):
     def _is_ready(self, waiting: _Waiting) -> bool:
         return all(request_is_met(self._node.source, request) for request in waiting.requests)
 
+    def _withdraw(self, waiting: _Waiting) -> None:
+        self._announce(waiting.announcement._replace(withdrawn=True), waiting.scan.frame_id)
+
+    def _announce(self, announcement: Announcement, frame_id: str) -> None:
+        if self._deliver is not None:
+            self._deliver(announcement)
+        elif self._announcements.get_num_connections():
+            self._announcements.publish(announcement_to_msg(announcement, frame_id))
+
     def _publish(self, measurement: Measurement) -> None:
+        if self._deliver is not None:
+            self._deliver(measurement)
         if self._detections.get_num_connections():
             self._detections.publish(measurement_to_msg(measurement))
         if self._markers.get_num_connections():
@@ -163,12 +201,8 @@ class LegCues(Part):
 
 def _build(settings: LegCueSettings, config: FusionConfig) -> Node:
     node = Node(config, settings.scans)
-    LegCues(node, settings, config, deliver=_published_is_enough)
+    LegCues(node, settings, config)
     return node
-
-
-def _published_is_enough(_measurement: Measurement) -> None:
-    pass
 
 
 def main() -> int:

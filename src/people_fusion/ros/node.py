@@ -5,13 +5,15 @@ from __future__ import annotations
 import dataclasses
 import threading
 from collections.abc import Mapping
-from typing import Any, Callable, List, Sequence, Tuple, Type, TypeVar
+from typing import Any, Callable, List, Optional, Sequence, Tuple, Type, TypeVar
 
 import rospy
+from rosgraph_msgs.msg import Clock
 from tf2_msgs.msg import TFMessage
 
 from people_fusion.core.config import parse
 from people_fusion.core.errors import ConfigError, DataError
+from people_fusion.core.stamps import to_seconds
 from people_fusion.ros import topics
 from people_fusion.ros.conversions import stamp_from_msg
 from people_fusion.ros.diagnostics import PERIOD_S, Diagnostics
@@ -30,6 +32,9 @@ class Part:
 
     def serve(self) -> None:
         """Go on with what waited; called when a transform came and once a second."""
+
+    def tick(self) -> None:
+        """Time has passed; called, without the lock, when simulated time goes on and once a second."""
 
     def reset(self) -> None:
         """Time has jumped: forget everything."""
@@ -57,6 +62,9 @@ class Node:
         """Listen to transforms and start the timer; the parts are there."""
         self.subscribe(topics.TF, TFMessage, self._on_transforms, TF_QUEUE)
         self.subscribe(topics.TF_STATIC, TFMessage, self._on_static_transforms, TF_QUEUE)
+        if self._simulated:
+            # Only wakes who waits for a time; rospy itself has taken the clock before.
+            rospy.Subscriber(topics.CLOCK, Clock, self._on_clock, queue_size=1)
         # Not shut down by hand: it ends with the node.
         rospy.Timer(rospy.Duration.from_sec(PERIOD_S), self._on_timer, reset=True)
 
@@ -64,6 +72,12 @@ class Node:
     def now_ns() -> int:
         """The clock of this graph, nanoseconds."""
         return stamp_from_msg(rospy.Time.now())
+
+    def wall_seconds_until(self, stamp_ns: Optional[int]) -> Optional[float]:
+        """How long to wait by the wall for a time of this graph; None: until somebody tells, as `tick` does."""
+        if stamp_ns is None or self._simulated:
+            return None
+        return max(0.0, to_seconds(stamp_ns - self.now_ns()))
 
     def subscribe(
         self, topic: str, message_type: Any, callback: Callable[[Any], None], queue_size: int, buff_size: int = 65536
@@ -96,7 +110,12 @@ class Node:
         with self._lock:
             self._watch_clock()
             self._serve()
+            self._on_clock(None)
             self.diagnostics.publish()
+
+    def _on_clock(self, _message: Any) -> None:
+        for part in self.parts:
+            part.tick()
 
     def _serve(self) -> None:
         for part in self.parts:

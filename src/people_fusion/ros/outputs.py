@@ -28,13 +28,19 @@ class TrackOutputs:
     Args:
         source: for the robot's place among the tracks.
         compatible: one of COMPATIBLE.
+        revisable: whether there are previews.
     """
 
-    def __init__(self, source: TransformSource, frames: FramesConfig, compatible: str) -> None:
+    def __init__(
+        self, source: TransformSource, frames: FramesConfig, compatible: str, revisable: bool = False
+    ) -> None:
         self._source, self._base = source, frames.base
         self._markers = TrackMarkers()
         self._publishers: List[Tuple[Any, Callable[[Tracks], Any]]] = []
         self._marker_publishers = [rospy.Publisher(topics.MARKERS, MarkerArray, queue_size=QUEUE)]
+        self._preview: Optional[Any] = None
+        if revisable:
+            self._preview = rospy.Publisher(topics.PREVIEW, TrackedPersons, queue_size=QUEUE, tcp_nodelay=True)
         self._add(topics.TRACKS, TrackedPersons, tracks_to_msg)
         self._add(topics.POSES, PoseArray, poses_to_msg)
         people, spencer = people_adapter(), spencer_adapter()
@@ -62,6 +68,16 @@ class TrackOutputs:
             markers = self._markers.update(tracks)
             for publisher in watched:
                 publisher.publish(markers)
+
+    @property
+    def previewed(self) -> bool:
+        """Whether somebody listens to previews."""
+        return self._preview is not None and self._preview.get_num_connections() > 0
+
+    def publish_preview(self, tracks: Tracks) -> None:
+        """Publish tracks that will be revised."""
+        if self._preview is not None:
+            self._preview.publish(tracks_to_msg(tracks.select(tracks.confirmed)))
 
     def reset(self) -> None:
         """Time has jumped: all markers go."""

@@ -6,6 +6,7 @@ from __future__ import annotations
 SCAN = "scan"  # sensor_msgs/LaserScan; the parameter `scans` may name others
 MAP = "map"  # nav_msgs/OccupancyGrid, latched
 LOCALISATION = "amcl_pose"  # geometry_msgs/PoseWithCovarianceStamped, base in world
+CLOCK = "/clock"  # of simulated time
 TF = "/tf"
 TF_STATIC = "/tf_static"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
 from typing import Any, Dict, List, NamedTuple, Tuple
 
@@ -43,7 +44,7 @@ class Missing(NamedTuple):
 
 
 class Tf2Source(TransformSource):
-    """tf2's buffer. Not thread-safe.
+    """tf2's buffer. Thread-safe.
 
     Args:
         history_s: how long transforms are remembered, seconds.
@@ -54,6 +55,7 @@ class Tf2Source(TransformSource):
         self._answers: Dict[Tuple[str, str, int], Pose] = {}
         self._found: Dict[Tuple[str, str], bool] = {}
         self._missing: Dict[Tuple[str, str], Missing] = {}
+        self._lock = threading.Lock()
 
     def add(self, transform: Any, static: bool = False) -> None:
         """Take a geometry_msgs/TransformStamped.
@@ -73,30 +75,34 @@ class Tf2Source(TransformSource):
                 "transform without two frames", f"{transform.header.frame_id!r} to {transform.child_frame_id!r}"
             )
         add = self._buffer.set_transform_static if static else self._buffer.set_transform
-        add(transform, "people_fusion")
+        with self._lock:
+            add(transform, "people_fusion")
 
     def lookup(self, target_frame: str, source_frame: str, stamp_ns: int) -> Pose:
         """As TransformSource says."""
         if target_frame == source_frame:
             return Pose.identity()
         key = (target_frame, source_frame, stamp_ns)
-        answer = self._answers.get(key)
-        if answer is None:
-            answer = self._look_up(target_frame, source_frame, stamp_ns)
-            if len(self._answers) >= REMEMBERED:
-                self._answers.clear()
-            self._answers[key] = answer
-        return answer
+        with self._lock:
+            answer = self._answers.get(key)
+            if answer is None:
+                answer = self._look_up(target_frame, source_frame, stamp_ns)
+                if len(self._answers) >= REMEMBERED:
+                    self._answers.clear()
+                self._answers[key] = answer
+            return answer
 
     def missing(self) -> List[Missing]:
         """What was asked for last and not found, for diagnostics."""
-        return list(self._missing.values())
+        with self._lock:
+            return list(self._missing.values())
 
     def clear(self) -> None:
         """Time has jumped: forget all but the static transforms."""
-        self._buffer.clear()
-        self._answers.clear()
-        self._missing.clear()
+        with self._lock:
+            self._buffer.clear()
+            self._answers.clear()
+            self._missing.clear()
 
     def _look_up(self, target_frame: str, source_frame: str, stamp_ns: int) -> Pose:
         frames = (target_frame, source_frame)
