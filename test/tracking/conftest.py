@@ -8,13 +8,14 @@ from people_fusion.core.measurements import XY_OBSERVED, Measurement
 
 @pytest.fixture(scope="session")
 def detect():
-    """Builds a laser measurement at a time in seconds from (x, y) positions."""
+    """Builds a laser measurement at a time in seconds from (x, y) positions, each of two legs 20 cm apart."""
 
     def build(time_s, *positions, std=0.05, cue="scan", sequence=0, **extra):
         positions = np.array(positions, dtype=float).reshape(-1, 2)
         count = len(positions)
         covariances = np.zeros((count, 3, 3))
         covariances[:, 0, 0] = covariances[:, 1, 1] = std**2
+        legs = (positions[:, None] + np.array([[0.0, 0.1], [0.0, -0.1]])).reshape(-1, 2)
         return Measurement(
             stamp_ns=round(time_s * 1e9),
             cue=cue,
@@ -26,6 +27,8 @@ def detect():
             observed=XY_OBSERVED,
             period_s=0.1,
             sequence=sequence,
+            legs=legs,
+            leg_owners=np.repeat(np.arange(count), 2),
             **extra,
         )
 

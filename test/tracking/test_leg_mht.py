@@ -33,7 +33,7 @@ def test_legs_that_are_near_and_move_alike_are_a_person():
     assert not walk(People.nobody(), 6, *pair).persons
     people = walk(People.nobody(), 8, *pair)
     assert [person.legs for person in people.persons] == [(1, 2)]
-    assert people.approved(np.array([1, 2, 3])).tolist() == [True, True, False]
+    assert people.approved(np.array([1, 2, 3]), 0).tolist() == [True, True, False]
 
 
 @pytest.mark.parametrize(
@@ -66,7 +66,7 @@ def test_the_body_is_as_certain_as_its_covariance_says(other_leg):
     rng, zero = np.random.default_rng(0), np.zeros(4)
     good, bad = np.diag([0.03**2] * 2 + [0.1**2] * 2), np.diag([other_leg**2] * 2 + [1.0**2] * 2)
     config = PeopleConfig(body_std=0.0)
-    people = People((Person(1, (1, 2), 0, 0),), {}, {})
+    people = People((Person(1, (1, 2), 0, 0, 0),), {}, {})
     total = 0.0
     for _ in range(2000):
         half = rng.normal(scale=[config.half_step_std] * 2 + [config.half_swing_std] * 2)
@@ -78,7 +78,7 @@ def test_the_body_is_as_certain_as_its_covariance_says(other_leg):
 
 def test_a_person_on_one_leg_is_known_to_half_a_step():
     config = PeopleConfig(body_std=0.0)
-    alone = People((Person(1, (1,), 3, 0),), {}, {})
+    alone = People((Person(1, (1,), 3, 0, 0),), {}, {})
     mean, covariance = bodies(alone, legs((1, 1.0, 2.0, 0.0, 0.0)), config)
     np.testing.assert_array_equal(mean[0, :2], [1.0, 2.0])
     np.testing.assert_allclose(np.diag(covariance[0])[:2], 0.01 + config.half_step_std**2)

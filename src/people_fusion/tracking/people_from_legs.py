@@ -23,6 +23,9 @@ class PeopleConfig:
         4.0, "theta_a: sum over the window of the cosine between both legs' ways from which they are a person"
     )
     least_way: float = parameter(0.25, "a leg that moved less over the window has no direction, metres", low=0.0)
+    hidden_s: float = parameter(
+        3.0, "legs of a person of whom nothing was seen for longer are no longer approved, and so end, seconds", low=0.0
+    )
     half_step_std: float = parameter(0.15, "of a leg about the middle of the body, by axis, metres", low=1e-3)
     half_swing_std: float = parameter(0.6, "of a leg's velocity about the body's, by axis, m/s", low=1e-3)
     body_std: float = parameter(0.05, "of the body's middle about the middle of its legs, by axis, metres", low=0.0)
@@ -36,12 +39,14 @@ class Person(NamedTuple):
         legs: identities of one or two legs.
         amiss: scans for which a leg was missing or the legs too far apart.
         born_ns: when it was validated.
+        seen_ns: when a leg of it was last seen.
     """
 
     id: int
     legs: Tuple[int, ...]
     amiss: int
     born_ns: int
+    seen_ns: int
 
 
 class People(NamedTuple):
@@ -62,9 +67,12 @@ class People(NamedTuple):
         """Before the first scan."""
         return People((), {}, {})
 
-    def approved(self, ids: np.ndarray) -> np.ndarray:
-        """(T,) whether leg tracks of these identities are a person's."""
-        return np.isin(ids, [leg for person in self.persons for leg in person.legs])
+    def approved(self, ids: np.ndarray, since_ns: int) -> np.ndarray:
+        """(T,) whether leg tracks of these identities are of a person of whom something was seen since then.
+
+        The paper approves them for ever; but then scan-back decides for «occluded» before «deleted» can win.
+        """
+        return np.isin(ids, [leg for person in self.persons if person.seen_ns >= since_ns for leg in person.legs])
 
 
 def recognise(
@@ -112,7 +120,9 @@ def recognise(
             break
         if not taken.intersection(pair):
             taken.update(pair)
-            persons.append(Person(identity(pair), pair, 0, stamp_ns))
+            persons.append(Person(identity(pair), pair, 0, stamp_ns, stamp_ns))
+    seen = dict(zip(legs.ids.tolist(), legs.seen_ns.tolist()))
+    persons = [person._replace(seen_ns=max(seen[leg] for leg in person.legs)) for person in persons]
     return People(tuple(persons), trails, agreement)
 
 

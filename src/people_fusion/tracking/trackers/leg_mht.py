@@ -8,8 +8,10 @@ from typing import Dict, Hashable, List, NamedTuple, Optional
 
 import numpy as np
 
+from people_fusion.core.angles import bearings
 from people_fusion.core.config import parameter, section
 from people_fusion.core.measurements import Measurement
+from people_fusion.core.stamps import from_seconds
 from people_fusion.core.tracks import Tracks
 from people_fusion.tracking.leg_hypotheses import Forest, LegTracks, MhtConfig, MultiHypothesisTracker
 from people_fusion.tracking.people_from_legs import People, PeopleConfig, bodies, recognise
@@ -72,7 +74,9 @@ class LegMht(Tracker):
         variance = self.config.leg_std**2 + (age_s * self.config.mht.initial_speed_std) ** 2
         people = self._state.people
         ids = forest.tracks.ids
-        approved = people.approved(ids) if self.config.adaptive else np.zeros(len(ids), dtype=bool)
+        approved = np.zeros(len(ids), dtype=bool)
+        if self.config.adaptive:
+            approved = people.approved(ids, stamp_ns - from_seconds(self.config.people.hidden_s))
         forest = self._mht.grow(
             forest,
             stamp_ns,
@@ -159,7 +163,7 @@ def _in_view(measurement: Measurement, points: np.ndarray) -> np.ndarray:
     if sight is None or not len(points):
         return np.ones(len(points), dtype=bool)
     offset = points - sight.position
-    bearing = np.arctan2(offset[:, 1], offset[:, 0]) - sight.yaw - sight.angle_min
+    bearing = bearings(offset) - sight.yaw - sight.angle_min
     turned = bearing * np.sign(sight.angle_increment) % (2.0 * np.pi)
     within = turned <= abs(sight.angle_increment) * (len(sight.ranges) - 1)
     return np.asarray(within & (np.hypot(offset[:, 0], offset[:, 1]) <= sight.range_max))
