@@ -31,9 +31,7 @@ class TrackOutputs:
         revisable: whether there are previews.
     """
 
-    def __init__(
-        self, source: TransformSource, frames: FramesConfig, compatible: str, revisable: bool = False
-    ) -> None:
+    def __init__(self, source: TransformSource, frames: FramesConfig, compatible: str, revisable: bool = False) -> None:
         self._source, self._base = source, frames.base
         self._markers = TrackMarkers()
         self._publishers: List[Tuple[Any, Callable[[Tracks], Any]]] = []
