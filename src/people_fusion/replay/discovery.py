@@ -37,6 +37,7 @@ class Sources:
         localisation: poses of the base in the world frame, or None.
         map: of the world, or None.
         ground_truth: annotated people, or None.
+        announcements, detections: topics of cues that were recorded, beside those that work on the scans.
         frames: world, odometry and base of this recording; `odom` is empty where there is none.
         links: (parent, child) of the transforms between these frames and the scanners.
         clock_offset_ns: bag time minus header time that is not latency but two clocks.
@@ -53,6 +54,8 @@ class Sources:
     links: FrozenSet[Tuple[str, str]]
     clock_offset_ns: int
     notes: Tuple[str, ...]
+    announcements: Tuple[Topic, ...] = ()
+    detections: Tuple[Topic, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -98,7 +101,11 @@ def discover(
     wheels, odometry_notes = _odometry(recording, scanners, parents, odometry)
     chosen, chain, notes = _connected(recording, scanners, parents, frames, world_frame, bool(scan_topics))
     found = _frames(chain, frames, world_frame)
-    needed: Dict[str, List[str]] = {scanner.frame_id: _ancestors(scanner.frame_id, parents) for scanner in chosen}
+    detections = recording.of_kind("DetectedPersons")
+    carried = {scanner.frame_id for scanner in chosen}
+    if detections:  # of any frame on this robot
+        carried.update(name for name in parents if _ancestors(name, parents)[-1] == chain[-1])
+    needed: Dict[str, List[str]] = {name: _ancestors(name, parents) for name in carried}
     pairs = frozenset(pair for line in needed.values() for pair in zip(line[1:], line))
     connected = {name for line in needed.values() for name in line}
     grid = _map(recording, connected)
@@ -107,6 +114,7 @@ def discover(
     notes = [
         *(f"scan {scanner.topic.name}: {scanner.beams} beams in {scanner.frame_id}" for scanner in chosen),
         *notes,
+        *(f"detections {topic.name}, but of cues that work on these scans" for topic in detections),
         *odometry_notes,
         f"frames: world {found.world}, odometry {found.odom or 'none'}, base {found.base}",
         f"localisation {localisation.name}" if localisation else "no localisation: the robot's pose is taken as exact",
@@ -126,6 +134,8 @@ def discover(
         links=pairs,
         clock_offset_ns=offset_ns,
         notes=tuple(notes),
+        announcements=tuple(recording.of_kind("MeasurementAnnouncement")) if detections else (),
+        detections=tuple(detections),
     )
 
 

@@ -6,7 +6,7 @@ import dataclasses
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Callable, Dict, Optional, Sequence, Tuple, Union
+from typing import Callable, Dict, Mapping, Optional, Sequence, Tuple, Union
 
 from people_fusion.core.errors import RecordingError
 from people_fusion.core.grids import OccupancyGrid
@@ -83,6 +83,7 @@ def replay(
     found: Optional[Callable[[Sources], None]] = None,
     progress: Optional[Callable[[float], None]] = None,
     watch: Optional[Callable[[Session, Update], None]] = None,
+    processing_s: Optional[Mapping[str, float]] = None,
 ) -> Outcome:
     """Run a preset over a recording.
 
@@ -94,14 +95,16 @@ def replay(
         found: called once with what is taken.
         progress: called after each scan with its arrival in seconds after the recording's start.
         watch: called after each measurement that the tracker has processed.
+        processing_s: see Session.
 
     Raises:
+        ConfigError: `processing_s` names no cue of a scan.
         RecordingError: the recording is damaged, lacks what was asked for, or no scan of it could be used; or the
             selection lies outside it.
     """
     with ExitStack() as stack:
         recording = stack.enter_context(Recording(path))
-        _check_window(recording, selection)
+        check_window(recording, selection)
         sources = discover(
             recording,
             config.frames,
@@ -135,7 +138,8 @@ def replay(
             if watch is not None:
                 watch(session, update)
 
-        session = Session(dataclasses.replace(config, frames=sources.frames), sources, measured, before, after)
+        framed = dataclasses.replace(config, frames=sources.frames)
+        session = Session(framed, sources, measured, before, after, processing_s=processing_s)
         session.run(recording, selection.start_s, selection.duration_s)
         counters = session.counters()
         if not session.processed:
@@ -162,7 +166,12 @@ def replay(
     )
 
 
-def _check_window(recording: Recording, selection: Selection) -> None:
+def check_window(recording: Recording, selection: Selection) -> None:
+    """Refuse a selection that lies outside the recording.
+
+    Raises:
+        RecordingError: it does.
+    """
     start_s, duration_s = selection.start_s, selection.duration_s
     whole_s = to_seconds(recording.end_ns - recording.start_ns)
     window = f"the recording goes from 0 to {whole_s:.1f} s"

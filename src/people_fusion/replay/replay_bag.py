@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import time
 from pathlib import Path
 from typing import Any, Dict, List, Optional
@@ -71,6 +72,7 @@ def run(options: argparse.Namespace, notes: Console) -> None:
             found,
             progress=lambda seconds: bar.update(task, completed=seconds),
             watch=None if sightings is None else sightings.watch,
+            processing_s=processing_times(options.processing),
         )
         wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
     result = {
@@ -115,6 +117,36 @@ def overrides(settings: List[str]) -> Dict[str, Any]:
     return mapping
 
 
+def add_processing(parser: argparse.ArgumentParser) -> None:
+    """The option whose value `processing_times` reads."""
+    parser.add_argument(
+        "--processing",
+        metavar="CUE=SECONDS",
+        nargs="+",
+        action="extend",
+        default=[],
+        help="how long a cue shall work on each scan, e.g. scan_front=0.007 (default: no time)",
+    )
+
+
+def processing_times(settings: List[str]) -> Dict[str, float]:
+    """Seconds by cue of `CUE=SECONDS` settings.
+
+    Raises:
+        ConfigError: a setting is none, or its time is negative.
+    """
+    times = {}
+    for setting in settings:
+        cue, _, text = setting.partition("=")
+        try:
+            times[cue.strip("/")] = float(text)
+        except ValueError as error:
+            raise ConfigError(f"--processing {setting}: expected cue=seconds") from error
+        if not 0.0 <= times[cue.strip("/")] < math.inf:
+            raise ConfigError(f"--processing {setting}: not a time")
+    return times
+
+
 def _lines(outcome: Outcome, result: Dict[str, Any]) -> List[str]:
     events = sorted((name, count) for name, count in outcome.counters.items() if count and name not in ARRIVALS)
     return [
@@ -144,6 +176,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--world-frame", metavar="FRAME", help="frame of the tracks (default: map, else odom, else the scanner's)")
     add("--ground-truth", metavar="TOPIC", help="annotated people (default: found by name and type)")
     add("--odometry", metavar="TOPIC", help="where tf lacks odom to base (default: found by type), or `none`")
+    add_processing(parser)
     add("--start", type=float, default=0.0, metavar="S", help="seconds to leave out at the beginning")
     add("--duration", type=float, metavar="S", help="seconds to replay")
     add("--out", type=Path, metavar="BAG", help="write detections and tracks")

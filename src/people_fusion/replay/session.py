@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import heapq
 from collections import Counter
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Callable, Dict, Iterable, List, NamedTuple, Optional, Sequence, Union
+from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
-from people_fusion.core.errors import DataError, TransformUnavailable
+from people_fusion.core.errors import ConfigError, DataError, TransformUnavailable
 from people_fusion.core.grids import OccupancyGrid
 from people_fusion.core.measurements import Announcement, Measurement
-from people_fusion.core.scans import Scan
 from people_fusion.core.stamps import from_seconds, to_seconds
 from people_fusion.core.timeline import Timeline
 from people_fusion.core.transforms import TransformTree
@@ -41,10 +41,10 @@ class Update(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Waiting:
-    cue: Cue
-    scan: Scan
-    requests: Sequence[TransformRequest]
     announcement: Announcement
+    requests: Sequence[TransformRequest]
+    measure: Callable[[], Measurement]
+    is_scan: bool = True
 
 
 class Session:
@@ -56,11 +56,18 @@ class Session:
         measured: called with each measurement in its sensor's frame, and its arrival on the bag's clock.
         before: called with the stamp of a measurement before the tracker gets it.
         after: called when the tracker has it.
+        passing: called with the time, on the clock of the stamps, before anything happens at it.
+        make_cue: makes the cue of a scan topic from its name; None: the preset's.
+        processing_s: how long the cues of the scans work on a scan, by name of the cue; none is 0. A cue works on one
+            scan at a time; one more may wait.
 
     Attributes:
         fusion: where the tracks are.
         transforms: the recording's transforms so far.
         grid: newest map, or None.
+
+    Raises:
+        ConfigError: `processing_s` names no cue of a scan.
     """
 
     def __init__(
@@ -70,12 +77,18 @@ class Session:
         measured: Callable[[Measurement, int], None] = lambda _measurement, _arrival_ns: None,
         before: Callable[[int], None] = lambda _stamp_ns: None,
         after: Callable[[Update], None] = lambda _update: None,
+        passing: Callable[[int], None] = lambda _now_ns: None,
+        make_cue: Optional[Callable[[str], Cue]] = None,
+        processing_s: Optional[Mapping[str, float]] = None,
     ) -> None:
         self.transforms = TransformTree(config.transforms.history_s)
         self.fusion = Fusion(config, self.transforms)
         self.grid: Optional[OccupancyGrid] = None
         self._sources = sources
-        self._measured, self._before, self._after = measured, before, after
+        self._measured, self._before, self._after, self._passing = measured, before, after, passing
+        self._processing_ns = {name: from_seconds(seconds) for name, seconds in (processing_s or {}).items()}
+        self._deliveries: List[Tuple[int, int, _Waiting, Measurement]] = []  # a heap: when, turn
+        self._free_ns: Dict[str, int] = {}  # when a cue has done what it has to do
         self._waiting: WaitingRoom[_Waiting] = WaitingRoom(
             self._is_ready, config.transforms.patience_s, gave_up=self._withdraw
         )
@@ -87,15 +100,24 @@ class Session:
         if sources.odometry:
             self._feeders[sources.odometry.name] = self._feed_odometry
         for topic in sources.scans:
-            cue = CUES.build(config.leg_cue, name=topic.name.strip("/"), frames=config.frames)
+            cue = make_cue(topic.name) if make_cue else build_cue(config, topic.name)
             self._cues.append(cue)
             self._feeders[topic.name] = partial(self._feed_scan, cue)
         if sources.localisation:
             self._feeders[sources.localisation.name] = self._feed_localisation
         if sources.map:
             self._feeders[sources.map.name] = self._feed_map
+        for topic in sources.announcements:
+            self._feeders[topic.name] = self._feed_announcement
+        for topic in sources.detections:
+            self._feeders[topic.name] = self._feed_detections
+        self._own = {cue.name for cue in self._cues}
+        for name in self._processing_ns:
+            if name not in self._own:
+                raise ConfigError(f"processing time of {name}: cues of scans are {', '.join(sorted(self._own))}")
         self._counts: Counter = Counter()
         self._now_ns = 0
+        self._turns = 0
         self._arrival_ns = 0
         self._offset_ns = sources.clock_offset_ns
         self._timeline = Timeline(self._jumped, lambda: self._arrival_ns)
@@ -123,7 +145,8 @@ class Session:
         if lead_s > 0.0:
             for recorded in recording.messages([*latched, *flowing], start_s - lead_s, lead_s):
                 self.feed(recorded)
-        for recorded in recording.messages([*latched, *flowing, *sources.scans], start_s, duration_s):
+        cues = [*sources.scans, *sources.announcements, *sources.detections]
+        for recorded in recording.messages([*latched, *flowing, *cues], start_s, duration_s):
             self.feed(recorded)
         self.finish()
 
@@ -206,12 +229,34 @@ class Session:
         newest_first = sorted(requests, key=lambda request: (-request.stamp_ns, request))
         announcement = cue.announce(scan.stamp_ns)
         self._push(announcement)
-        waiting = _Waiting(cue, scan, newest_first, announcement)
+        measure = partial(cue.measure, scan, self.transforms if self._sources.links else None)
+        waiting = _Waiting(announcement, newest_first, measure)
         self._waiting.push(cue.name, scan.stamp_ns, waiting, self._now_ns)
+
+    def _feed_announcement(self, message: Any) -> None:
+        announcement = conversions.announcement(message)
+        if announcement.cue not in self._own:
+            self._timeline.require(f"announcements of {announcement.cue}", announcement.stamp_ns, witness=False)
+            self._push(announcement)
+
+    def _feed_detections(self, message: Any) -> None:
+        measurement = conversions.measurement(message)
+        if measurement.cue in self._own:
+            return
+        self._timeline.require(measurement.cue, measurement.stamp_ns)
+        self._wake_until(self._timeline.newest_ns(measurement.cue))
+        announcement = Announcement(measurement.stamp_ns, measurement.cue, measurement.sequence)
+        request = TransformRequest(self.fusion.tracking_frame, measurement.frame_id, measurement.stamp_ns)
+        waiting = _Waiting(announcement, (request,), lambda: measurement, is_scan=False)
+        self._waiting.push(measurement.cue, measurement.stamp_ns, waiting, self._now_ns)
 
     def _jumped(self, back_s: float) -> None:
         self._counts["time jumps"] += 1
         self._waiting.reset()
+        if self._deliveries:
+            self._counts["time jumped while a cue was at work"] += len(self._deliveries)
+        self._deliveries.clear()
+        self._free_ns.clear()
         self.transforms.reset(keep_static=True)
         self.fusion.reset()
         for cue in self._cues:
@@ -229,10 +274,15 @@ class Session:
 
     def _serve(self, now_ns: int) -> None:
         for waiting in self._waiting.poll(now_ns):
+            announcement = waiting.announcement
+            processing_ns = self._processing_ns.get(announcement.cue, 0) if waiting.is_scan else 0
+            begin_ns = max(self._now_ns, self._free_ns.get(announcement.cue, 0))
+            if begin_ns - self._now_ns > processing_ns:
+                self._counts["scans skipped: the cue is busy"] += 1
+                self._withdraw(waiting)
+                continue
             try:
-                measurement = waiting.cue.measure(waiting.scan, self.transforms if self._sources.links else None)
-                measurement = dataclasses.replace(measurement, sequence=waiting.announcement.sequence)
-                self._push(measurement)
+                measurement = dataclasses.replace(waiting.measure(), sequence=announcement.sequence)
             except DataError as error:
                 self._counts[error.reason] += 1
                 self._withdraw(waiting)
@@ -240,21 +290,46 @@ class Session:
                 self._counts["transform unavailable"] += 1
                 self._withdraw(waiting)
             else:
-                self._counts["scans processed"] += 1
-                self._measured(measurement, self._now_ns + self._offset_ns)
+                self._free_ns[announcement.cue] = begin_ns + processing_ns
+                if processing_ns == 0:
+                    self._deliver(waiting, measurement)
+                else:
+                    self._turns += 1
+                    heapq.heappush(self._deliveries, (begin_ns + processing_ns, self._turns, waiting, measurement))
+
+    def _deliver(self, waiting: _Waiting, measurement: Measurement) -> None:
+        try:
+            self._push(measurement)
+        except TransformUnavailable:
+            self._counts["transform unavailable"] += 1
+            self._withdraw(waiting)
+        else:
+            self._counts["scans processed" if waiting.is_scan else "recorded measurements"] += 1
+            self._measured(measurement, self._now_ns + self._offset_ns)
 
     def _withdraw(self, waiting: _Waiting) -> None:
         self._push(waiting.announcement._replace(withdrawn=True))
 
     def _wake_until(self, now_ns: int) -> None:
-        """Let time pass: what waits in the buffer goes when it is due."""
+        """Let time pass: cues deliver, and what waits in the buffer goes when it is due."""
         while True:
             sleep_ns = self.fusion.buffer.sleep_ns(self._now_ns)
-            if sleep_ns is None or self._now_ns + sleep_ns > now_ns:
+            due_ns = None if sleep_ns is None else self._now_ns + sleep_ns
+            if self._deliveries and (due_ns is None or self._deliveries[0][0] < due_ns):
+                due_ns = self._deliveries[0][0]
+            if due_ns is None or due_ns > now_ns:
                 break
-            self._now_ns += sleep_ns
-            self._process(self.fusion.poll(self._now_ns))
-        self._now_ns = max(self._now_ns, now_ns)
+            self._pass(due_ns)
+            if self._deliveries and self._deliveries[0][0] <= due_ns:
+                _, _, waiting, measurement = heapq.heappop(self._deliveries)
+                self._deliver(waiting, measurement)
+            else:
+                self._process(self.fusion.poll(self._now_ns))
+        self._pass(max(self._now_ns, now_ns))
+
+    def _pass(self, now_ns: int) -> None:
+        self._passing(now_ns)
+        self._now_ns = now_ns
 
     def _push(self, item: Union[Announcement, Measurement]) -> None:
         self._process(self.fusion.push(item, self._now_ns))
@@ -264,6 +339,11 @@ class Session:
             self._before(measurement.stamp_ns)
             changed = self.fusion.process(measurement)
             self._after(Update(measurement, changed, self._now_ns + self._offset_ns))
+
+
+def build_cue(config: FusionConfig, topic: str) -> Cue:
+    """The preset's cue for a topic of scans."""
+    return CUES.build(config.leg_cue, name=topic.strip("/"), frames=config.frames)
 
 
 def _is_static(topic: Topic) -> bool:
