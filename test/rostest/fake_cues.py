@@ -34,9 +34,17 @@ class Wire:
 
     def deliver(self, stamp_ns: int, cue: str, sequence: int) -> None:
         measurement = Measurement(
-            stamp_ns, cue, "legs", FRAME, np.array([[2.0, 0.0, 1.0]]), np.diag([0.01, 0.01, 0.0])[None], np.array([0.9]),
-            XY_OBSERVED, 1.0 / RATE_HZ, sequence,
-        )  # fmt: skip
+            stamp_ns=stamp_ns,
+            cue=cue,
+            modality="legs",
+            frame_id=FRAME,
+            positions=np.array([[2.0, 0.0, 1.0]]),
+            covariances=np.diag([0.01, 0.01, 0.0])[None],
+            confidences=np.array([0.9]),
+            observed=XY_OBSERVED,
+            period_s=1.0 / RATE_HZ,
+            sequence=sequence,
+        )
         self._detections.publish(measurement_to_msg(measurement))
 
 
