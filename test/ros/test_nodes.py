@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import deque
 from types import SimpleNamespace
 from typing import Any, Dict
 
@@ -19,7 +20,7 @@ from people_fusion.ros.composed_node import ComposedSettings
 from people_fusion.ros.diagnostics import ERROR, OK, WARN, judge
 from people_fusion.ros.leg_cue_node import LegCueSettings
 from people_fusion.ros.node import read_parameters
-from people_fusion.ros.people_tracker_node import PeopleTrackerSettings
+from people_fusion.ros.people_tracker_node import PeopleTrackerSettings, delay_facts
 from people_fusion.ros.transforms import Missing
 from people_fusion.tracking.fusion import FusionConfig
 
@@ -96,6 +97,14 @@ def test_worst_complaint_sets_the_level() -> None:
     status = judged(bad={"x": 1}, missing=[Missing("odom", "laser", NOW - 5.0, False, "")])
     assert status.level == ERROR
     assert "x (1)" in status.message
+
+
+def test_output_delay_is_that_of_the_last_second() -> None:
+    delays = deque([(10**9, 9 * 10**8), (3 * 10**9, 10**7), (3 * 10**9 + 10**8, 3 * 10**7)])
+    facts = delay_facts(delays, 3 * 10**9 + 5 * 10**8)
+    assert facts == {"outputs a second": "2", "output delay, mean ms": "20.0", "output delay, max ms": "30.0"}
+    assert len(delays) == 2
+    assert delay_facts(delays, 9 * 10**9)["output delay, mean ms"] == "-"
 
 
 def one_track() -> Tracks:

@@ -43,7 +43,7 @@ LOCALISATION_QUEUE = 10
 INTAKE = 64  # measurements a cue: a tracker that is too slow shall not lag by many seconds
 ANNOUNCED = "announcements of "
 JUMPED = "waited when time jumped"
-LOSS_WORDS = ("lost", "dropped", "shed", "early")  # in the names of counters
+LOSS_WORDS = ("lost", "dropped", "shed", "early", "jumped")  # in the names of counters
 RECENT_NS = NANOSECONDS  # the output's delay and rate are those of so long
 DELAYS = 1000
 DESCRIBED_EVERY_S = 0.9
@@ -219,13 +219,13 @@ class PeopleTracker(Part):
         roster = self._fusion.buffer.roster
         fused = self._fusion.counters()
         warned = {name: count for name, count in fused.items() if name in roster.counters() or _is_loss(name)}
-        self._events = {**warned, "waited when time jumped": self._lost_in_jumps + warned.pop(JUMPED, 0)}
+        self._events = {**warned, JUMPED: warned.get(JUMPED, 0) + self._lost_in_jumps}
         self._losses = self._waiting.counters()
         self._facts = {
             "measurements waiting": len(self._waiting),
             "measurements in the buffer": len(self._fusion.buffer.held),
             **self._shown,
-            **_delay_facts(self._delays, now_ns),
+            **delay_facts(self._delays, now_ns),
             **{f"cue {name}": fact for name, fact in roster.facts(now_ns).items()},
             **{name: count for name, count in fused.items() if name not in warned},
         }
@@ -271,7 +271,7 @@ def _is_loss(name: str) -> bool:
     return any(word in name for word in LOSS_WORDS)
 
 
-def _delay_facts(delays: Deque[Tuple[int, int]], now_ns: int) -> Dict[str, str]:
+def delay_facts(delays: Deque[Tuple[int, int]], now_ns: int) -> Dict[str, str]:
     """How late the output was in the last second, and how often it came."""
     while delays and not now_ns - RECENT_NS < delays[0][0] <= now_ns:
         delays.popleft()
