@@ -11,7 +11,7 @@ pytest.importorskip("people_fusion.msg", reason="the messages are not built; too
 
 from people_fusion.core.errors import DataError
 from people_fusion.core.grids import OccupancyGrid
-from people_fusion.core.measurements import XY_OBSERVED, XYZ_OBSERVED, Measurement, Sight
+from people_fusion.core.measurements import XY_OBSERVED, XYZ_OBSERVED, Announcement, Measurement, Sight
 from people_fusion.core.poses import Pose, UncertainPose
 from people_fusion.core.scans import Scan
 from people_fusion.core.tracks import Tracks
@@ -225,3 +225,15 @@ def test_pose_array_holds_every_track(rng: np.random.Generator) -> None:
     message = c.poses_to_msg(tracks)
     assert message.header.frame_id == "map"
     np.testing.assert_allclose([[p.position.x, p.position.y, p.position.z] for p in message.poses], tracks.means[:, :3])
+
+
+@pytest.mark.parametrize("withdrawn", [False, True])
+def test_announcements_survive_the_wire(withdrawn: bool) -> None:
+    announcement = Announcement(STAMP_NS, "scan_front", 41, withdrawn)
+    assert c.announcement_from_msg(c.announcement_to_msg(announcement, "laser")) == announcement
+
+
+@pytest.mark.parametrize("announcement", [Announcement(0, "scan_front", 1), Announcement(STAMP_NS, "", 1)])
+def test_announcement_without_stamp_or_cue_is_refused(announcement: Announcement) -> None:
+    with pytest.raises(DataError, match="announcement without"):
+        c.announcement_from_msg(c.announcement_to_msg(announcement, "laser"))

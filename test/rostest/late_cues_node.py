@@ -15,11 +15,13 @@ from graph import DiagnosticListener, wait_until
 
 from people_fusion.core.stamps import NANOSECONDS
 from people_fusion.ros.conversions import stamp_from_msg
+from people_fusion.ros.intake import SHED
 
 TRACKER = "people_tracker"
 YEAR_NS = 365 * 24 * 3600 * NANOSECONDS
 PATIENCE_S = 0.3
 BURST = 200
+FLOOD = 900  # as fast as they can be sent
 
 
 class LateCues(unittest.TestCase):
@@ -63,6 +65,16 @@ class LateCues(unittest.TestCase):
             self.wire.deliver(stamp_ns, "flood", sequence)
         pause(1.0)
         self.assert_at_full_rate(1.0)
+        self.assert_counted("late measurements")
+        shed, late = (self.diagnostics.count(TRACKER, name) for name in (f"flood: lost: {SHED}", "late measurements"))
+        rospy.loginfo("of %d at once %d were shed; %d late since the start", BURST, shed, late)
+
+    def test_more_than_can_be_processed_is_shed_and_counted(self) -> None:
+        for sequence in range(1, FLOOD + 1):
+            self.wire.deliver(stamp_from_msg(rospy.Time.now()), "torrent", sequence)
+        pause(1.0)
+        self.assert_at_full_rate(1.0)
+        self.assert_counted(f"torrent: lost: {SHED}")
 
     def test_stamp_a_year_ahead(self) -> None:
         ahead_ns = stamp_from_msg(rospy.Time.now()) + YEAR_NS

@@ -37,7 +37,7 @@ from people_fusion.tracking.fusion import Fusion, FusionConfig
 from people_fusion.tracking.roster import MOST_CUES
 
 # More than the intake holds, so that what is lost is lost there, where it is counted.
-DETECTION_QUEUE = 256
+DETECTION_QUEUE = 1024
 ANNOUNCEMENT_QUEUE = 1024
 LOCALISATION_QUEUE = 10
 INTAKE = 64  # measurements a cue: a tracker that is too slow shall not lag by many seconds
