@@ -150,7 +150,7 @@ class BadData(unittest.TestCase):
 
         wait_until(said, "a complaint that names the frame")
         self.assert_tracked()
-        self.assertEqual(self.diagnostics.value("leg_cue", "map in use"), "False")
+        wait_until(lambda: self.diagnostics.value("leg_cue", "map in use") == "False", "the diagnostics' say", 2.0)
 
     def assert_counted(self, node: str, reason: str) -> None:
         wait_until(lambda: self.diagnostics.count(node, f"lost: {reason}") > 0, f"{node} to count: {reason}")
