@@ -20,7 +20,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from people_fusion.core.config import parse
 from people_fusion.core.errors import DataError, RecordingError, TransformUnavailable
 from people_fusion.core.grids import OccupancyGrid
-from people_fusion.core.measurements import Measurement
+from people_fusion.core.measurements import Announcement, Measurement
 from people_fusion.core.stamps import to_seconds
 from people_fusion.core.tracks import Tracks
 from people_fusion.core.transforms import TransformSource
@@ -61,6 +61,7 @@ class Row:
 
     Attributes:
         delays_s: (K,) age of each published output, by its stamp.
+        since_arrival_s: (K,) the same from when the cue had the sensor's message: without what the sensor itself needs.
         used_after_s: (M,) from each measurement's stamp to the first output that it is in.
         duration_s: from the first scan to the last.
         delivered: measurements that cues delivered.
@@ -70,6 +71,7 @@ class Row:
     """
 
     delays_s: np.ndarray
+    since_arrival_s: np.ndarray
     used_after_s: np.ndarray
     duration_s: float
     delivered: int
@@ -88,6 +90,7 @@ class Row:
         return {
             "delay_mean_s": float(self.delays_s.mean()) if known else None,
             "delay_p95_s": float(np.percentile(self.delays_s, 95)) if known else None,
+            "since_arrival_mean_s": float(self.since_arrival_s.mean()) if known else None,
             "used_after_mean_s": float(self.used_after_s.mean()) if len(self.used_after_s) else None,
             "rate_hz": len(self.delays_s) / self.duration_s if self.duration_s > 0 else None,
             "discarded": self.discarded,
@@ -186,7 +189,7 @@ def compare(
             rows[name] = listener.row(selection)
             if name == ZERO_DELAY:
                 rows[name] = _without_delay(rows[name])
-            if listener.previews_s:
+            if listener.previewed:
                 rows[PREVIEW] = listener.preview_row(selection)
             done(name)
     return rows
@@ -194,13 +197,14 @@ def compare(
 
 def policy_table(rows: Mapping[str, Row]) -> Table:
     """One row for each policy."""
-    header = ("", "delay", "95 %", "used after", "rate", "lost", "MOTA", "IDF1", "NEES", "MOTA at once", "IDF1 at once")
+    at_once = ("MOTA at once", "IDF1 at once")
+    header = ("", "delay", "95 %", "since arrival", "rate", "lost", "MOTA", "IDF1", "NEES", *at_once)
     lines = []
     for name, row in rows.items():
         values = row.to_dict()
         lines.append((
             name,
-            *(_milliseconds(values[key]) for key in ("delay_mean_s", "delay_p95_s", "used_after_mean_s")),
+            *(_milliseconds(values[key]) for key in ("delay_mean_s", "delay_p95_s", "since_arrival_mean_s")),
             UNDEFINED if values["rate_hz"] is None else f"{values['rate_hz']:.1f} Hz",
             percent(values["discarded"]),
             percent(values["mota"]),
@@ -229,32 +233,34 @@ class _Listener:
             self._measured,
             self._before,
             self._after,
+            self._told,
             self._passing,
             lambda topic: _Remembering(build_cue(config, topic), memory),
             processing_s,
         )
-        self.delays_s: List[float] = []
+        self.published: List[Tuple[int, int]] = []  # stamp, when
+        self.previewed: List[Tuple[int, int]] = []
         self.used_after_s: List[float] = []
-        self.previews_s: List[float] = []
+        self._arrivals: Dict[int, int] = {}  # by stamp
         self._delivered = 0
         self._world = config.frames.world
         self._sampler = Sampler(instants)
         self._instants, self._next = instants, 0
         self._now_ns = 0
         self._at_once: List[Tuple[Instant, Tracks]] = []
-        self._previewed: List[Tuple[Instant, Tracks]] = []
+        self._at_once_previewed: List[Tuple[Instant, Tracks]] = []
 
     def row(self, selection: Selection) -> Row:
         """Of the ordered output."""
-        return self._row(self.delays_s, self._sampler.samples, self._at_once, selection)
+        return self._row(self.published, self._sampler.samples, self._at_once, selection)
 
     def preview_row(self, selection: Selection) -> Row:
         """Of the output that is revised; it is published once for its instant."""
-        return self._row(self.previews_s, self._previewed, self._previewed, selection)
+        return self._row(self.previewed, self._at_once_previewed, self._at_once_previewed, selection)
 
     def _row(
         self,
-        delays_s: Sequence[float],
+        outputs: Sequence[Tuple[int, int]],
         recorded: Sequence[Tuple[Instant, Tracks]],
         at_once: Sequence[Tuple[Instant, Tracks]],
         selection: Selection,
@@ -263,7 +269,8 @@ class _Listener:
         kept = [[sample for sample in samples if sample[0].stamp_ns in scored] for samples in (recorded, at_once)]
         evaluations = [score(samples, selection)[2] if samples else None for samples in kept]
         return Row(
-            delays_s=np.array(delays_s),
+            delays_s=np.array([to_seconds(now_ns - stamp_ns) for stamp_ns, now_ns in outputs]),
+            since_arrival_s=np.array([to_seconds(now_ns - self._arrivals[stamp_ns]) for stamp_ns, now_ns in outputs]),
             used_after_s=np.array(self.used_after_s),
             duration_s=self.session.recorded_s,
             delivered=self._delivered,
@@ -283,17 +290,21 @@ class _Listener:
                 there = instant.into(self._world, self.session.transforms)
                 self._add(self._at_once, there, fusion.tracks(instant.stamp_ns))
                 if fusion.buffer.revisable:
-                    self._add(self._previewed, there, fusion.preview(instant.stamp_ns))
+                    self._add(self._at_once_previewed, there, fusion.preview(instant.stamp_ns))
 
     def _add(self, samples: List[Tuple[Instant, Tracks]], instant: Instant, tracks: Tracks) -> None:
         if tracks.frame_id == self._world:
             samples.append((instant, tracks))
 
-    def _measured(self, _measurement: Measurement, _arrival_ns: int) -> None:
+    def _told(self, announcement: Announcement) -> None:
+        self._arrivals.setdefault(announcement.stamp_ns, self._now_ns)
+
+    def _measured(self, measurement: Measurement, _arrival_ns: int) -> None:
         self._delivered += 1
+        self._arrivals.setdefault(measurement.stamp_ns, self._now_ns)
         fusion = self.session.fusion
         if fusion.buffer.revisable:
-            self.previews_s.append(to_seconds(self._now_ns - fusion.preview().stamp_ns))
+            self.previewed.append((fusion.preview().stamp_ns, self._now_ns))
 
     def _before(self, stamp_ns: int) -> None:
         self._sampler.until(stamp_ns, self.session.fusion, self.session.transforms)
@@ -303,7 +314,7 @@ class _Listener:
             return
         published_ns = self.session.fusion.tracker.stamp_ns
         assert published_ns is not None
-        self.delays_s.append(to_seconds(self._now_ns - published_ns))
+        self.published.append((published_ns, self._now_ns))
         self.used_after_s.append(to_seconds(self._now_ns - update.measurement.stamp_ns))
 
 
@@ -352,6 +363,7 @@ def _without_delay(row: Row) -> Row:
     return dataclasses.replace(
         row,
         delays_s=np.zeros(len(row.delays_s)),
+        since_arrival_s=np.zeros(len(row.delays_s)),
         used_after_s=np.zeros(len(row.used_after_s)),
         at_once=row.recorded,
     )

@@ -56,6 +56,7 @@ class Session:
         measured: called with each measurement in its sensor's frame, and its arrival on the bag's clock.
         before: called with the stamp of a measurement before the tracker gets it.
         after: called when the tracker has it.
+        told: called with each announcement that is not withdrawn, before the buffer gets it.
         passing: called with the time, on the clock of the stamps, before anything happens at it.
         make_cue: makes the cue of a scan topic from its name; None: the preset's.
         processing_s: how long the cues of the scans work on a scan, by name of the cue; none is 0. A cue works on one
@@ -77,6 +78,7 @@ class Session:
         measured: Callable[[Measurement, int], None] = lambda _measurement, _arrival_ns: None,
         before: Callable[[int], None] = lambda _stamp_ns: None,
         after: Callable[[Update], None] = lambda _update: None,
+        told: Callable[[Announcement], None] = lambda _announcement: None,
         passing: Callable[[int], None] = lambda _now_ns: None,
         make_cue: Optional[Callable[[str], Cue]] = None,
         processing_s: Optional[Mapping[str, float]] = None,
@@ -85,7 +87,8 @@ class Session:
         self.fusion = Fusion(config, self.transforms)
         self.grid: Optional[OccupancyGrid] = None
         self._sources = sources
-        self._measured, self._before, self._after, self._passing = measured, before, after, passing
+        self._measured, self._before, self._after = measured, before, after
+        self._told, self._passing = told, passing
         self._processing_ns = {name: from_seconds(seconds) for name, seconds in (processing_s or {}).items()}
         self._deliveries: List[Tuple[int, int, _Waiting, Measurement]] = []  # a heap: when, turn
         self._free_ns: Dict[str, int] = {}  # when a cue has done what it has to do
@@ -228,7 +231,7 @@ class Session:
             requests.update(cue.transforms_needed(scan))
         newest_first = sorted(requests, key=lambda request: (-request.stamp_ns, request))
         announcement = cue.announce(scan.stamp_ns)
-        self._push(announcement)
+        self._announce(announcement)
         measure = partial(cue.measure, scan, self.transforms if self._sources.links else None)
         waiting = _Waiting(announcement, newest_first, measure)
         self._waiting.push(cue.name, scan.stamp_ns, waiting, self._now_ns)
@@ -237,7 +240,7 @@ class Session:
         announcement = conversions.announcement(message)
         if announcement.cue not in self._own:
             self._timeline.require(f"announcements of {announcement.cue}", announcement.stamp_ns, witness=False)
-            self._push(announcement)
+            self._announce(announcement)
 
     def _feed_detections(self, message: Any) -> None:
         measurement = conversions.measurement(message)
@@ -330,6 +333,11 @@ class Session:
     def _pass(self, now_ns: int) -> None:
         self._passing(now_ns)
         self._now_ns = now_ns
+
+    def _announce(self, announcement: Announcement) -> None:
+        if not announcement.withdrawn:
+            self._told(announcement)
+        self._push(announcement)
 
     def _push(self, item: Union[Announcement, Measurement]) -> None:
         self._process(self.fusion.push(item, self._now_ns))
