@@ -50,7 +50,7 @@ def consider_innovation_covariances(
 
     Args:
         covariances: (M, D, D) P of the states.
-        cross_covariances: (M, D, b) C between states and bias.
+        cross_covariances: (M, D, b) C of the states' errors (truth minus estimate) with the bias b in z = H x + J b.
         observation: (m, D) H.
         bias_jacobians: (M, m, b) J.
         bias_covariance: (b, b) B.

@@ -494,7 +494,8 @@ class KalmanTracker(Tracker):
         shared = self._shared_spreads(measurement, axes)
         if shared is not None and self.config.shared_error == "consider":
             covariances[:, axes[:, None], axes] += shared[rows]
-            cross[:, axes] = self._jacobians(measurement, axes)[rows] @ self._state.shared_covariance
+            # Truth minus estimate, as everywhere here: a detection that the bias has moved one way errs the other way.
+            cross[:, axes] = -self._jacobians(measurement, axes)[rows] @ self._state.shared_covariance
         if age_s > 0:
             transition, noise = self._motion.transition(age_s)
             means, covariances = predict(means, covariances, transition, noise)
