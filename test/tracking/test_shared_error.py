@@ -16,6 +16,7 @@ from people_fusion.filtering.motion_models.near_constant_velocity import (
     NearConstantVelocityConfig,
 )
 from people_fusion.tracking.fusion import Fusion, FusionConfig
+from people_fusion.tracking.tracker import TRACKERS
 
 RUNS = 100
 AXES = [0, 1, 3, 4]
@@ -76,3 +77,37 @@ def test_tracks_of_a_robot_that_errs_in_its_place_are_consistent_over_100_runs(t
 
 def test_localisation_error_as_fresh_noise_is_overconfident(detect):
     assert np.mean(squared_errors("white", detect, 30)) > 2 * len(AXES)
+
+
+def test_sensor_on_the_wall_has_no_part_in_the_robot_s_error(detect):
+    """What a track owes to the robot's place is still known after a sensor that needs no localisation saw it."""
+    bias = np.diag([0.2**2, 0.2**2, 0.0, 0.0, 0.0, 0.0])
+    jacobian = np.eye(3, 6)[None]
+    found, runs = [], 2 * RUNS
+    transition, noise = MOTION.transition(PERIOD_S)
+    options = {"motion": {"type": "near_constant_velocity", "velocity_variance_rate": 0.5}, "gate": 1e9}
+    for run in range(runs):
+        rng = np.random.default_rng(run)
+        state = rng.multivariate_normal(np.zeros(5), MOTION.initial_covariance)
+        tracker = TRACKERS.build(
+            parse(
+                TRACKERS.config_of("kalman", "tracker"),
+                {**options, "shared_error": "consider", "shared_error_time_s": 1e9, "unlikely_cost": 1e9},
+            )
+        )
+        error = rng.normal(0.0, 0.2, 2)
+        for step in range(20):
+            if step:
+                state = transition @ state + rng.multivariate_normal(np.zeros(5), noise)
+            if step % 2 == 0:
+                seen = state[:2] + error + rng.normal(0.0, 0.05, 2)
+                shared = {"shared_jacobians": jacobian, "shared_covariance": bias}
+                tracker.process(detect(step * PERIOD_S, seen, sequence=step, **shared))
+            else:
+                seen = state[:2] + rng.normal(0.0, 0.15, 2)
+                tracker.process(detect(step * PERIOD_S, seen, std=0.15, cue="wall", sequence=step))
+        tracks = tracker.tracks()
+        off = tracks.means[0, AXES] - state[AXES]
+        found.append(off @ np.linalg.solve(tracks.covariances[0][np.ix_(AXES, AXES)], off))
+    low, high = chi2.ppf([0.025, 0.975], len(AXES) * runs) / runs
+    assert low < np.mean(found) < high

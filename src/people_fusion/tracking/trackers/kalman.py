@@ -115,6 +115,7 @@ class KalmanTracker(Tracker):
         self._lifecycle = LIFECYCLES.build(config.lifecycle)
         self._still_noise = np.zeros((self._motion.dimension, self._motion.dimension))
         self._still_noise[[0, 1], [0, 1]] = config.still_std**2
+        self._considers = config.shared_error == "consider"
         self._state = self._initial_state()
         self._identities: OrderedDict[Tuple[int, str, int, int], int] = OrderedDict()
         self._next_id = 1
@@ -229,7 +230,7 @@ class KalmanTracker(Tracker):
                 means[table.still] = table.means[table.still]
                 covariances[table.still] = table.covariances[table.still] + duration_s * self._still_noise
             table = dataclasses.replace(table, means=means, covariances=covariances)
-            if self.config.shared_error == "consider":
+            if self._considers:
                 fading = math.exp(-duration_s / self.config.shared_error_time_s)
                 table = dataclasses.replace(table, shared_cross=fading * (transition @ table.shared_cross))
         self._state = _State(measurement.stamp_ns, table, state.shared_covariance)
@@ -376,11 +377,8 @@ class KalmanTracker(Tracker):
 
     def _take_shared_covariance(self, measurement: Measurement) -> None:
         """The considered error becomes the measurement's; where it is smaller, all that depends on it shrinks along."""
-        if self.config.shared_error != "consider":
-            return
         before, now = self._state.shared_covariance, measurement.shared_covariance
-        now = np.zeros((SHARED, SHARED)) if now is None else now
-        if np.array_equal(before, now):
+        if not self._considers or now is None or np.array_equal(before, now):
             return
         table = self._state.table
         table = dataclasses.replace(table, shared_cross=table.shared_cross @ consider_fading(before, now).T)
@@ -399,15 +397,14 @@ class KalmanTracker(Tracker):
         noises = measurement.covariances[:, axes[:, None], axes] + lag_noise
         spreads = observation @ table.covariances @ observation.T
         shared = self._shared_spreads(measurement, axes)
-        considered = shared is not None and self.config.shared_error == "consider"
         # |2 cov(a, b)| <= var(a) + var(b) bounds the considered error's cross terms.
-        factor = 2.0 if considered else 1.0
+        factor = 2.0 if self._considers else 1.0
         bound = noises if shared is None else noises + factor * shared
         tracks, detections = coarse_pairs(
             predicted, factor * _diagonals(spreads), detected, _diagonals(bound), self.config.gate
         )
         innovations = detected[detections] - predicted[tracks]
-        if considered:
+        if self._considers:
             covariances = consider_innovation_covariances(
                 table.covariances[tracks],
                 table.shared_cross[tracks],
@@ -441,10 +438,8 @@ class KalmanTracker(Tracker):
         rows = pairs.tracks
         if len(rows) == 0:
             return table
-        shared = self._shared_spreads(measurement, axes)
         cross = table.shared_cross
-        floor = table.shared_floor
-        if shared is not None and self.config.shared_error == "consider":
+        if self._considers:
             means, covariances, crosses = consider_update(
                 table.means[rows],
                 table.covariances[rows],
@@ -457,9 +452,10 @@ class KalmanTracker(Tracker):
             )
             cross = _with_rows(cross, rows, crosses)
         else:
+            shared = self._shared_spreads(measurement, axes)
             own = pairs.covariances if shared is None else pairs.covariances - shared[pairs.detections]
             means, covariances = update(table.means[rows], table.covariances[rows], pairs.innovations, observation, own)
-        floor = _with_rows(floor, rows, self._slow_errors(measurement)[pairs.detections])
+        floor = _with_rows(table.shared_floor, rows, self._slow_errors(measurement)[pairs.detections])
         seen_ns = np.maximum(table.seen_ns[rows], measurement.stamp_ns)
         return dataclasses.replace(
             table,
@@ -492,7 +488,7 @@ class KalmanTracker(Tracker):
         cross = np.zeros((count, dimension, SHARED))
         floor = self._slow_errors(measurement)[rows]
         shared = self._shared_spreads(measurement, axes)
-        if shared is not None and self.config.shared_error == "consider":
+        if shared is not None and self._considers:
             covariances[:, axes[:, None], axes] += shared[rows]
             # Truth minus estimate, as everywhere here: a detection that the bias has moved one way errs the other way.
             cross[:, axes] = -self._jacobians(measurement, axes)[rows] @ self._state.shared_covariance
@@ -535,7 +531,9 @@ class KalmanTracker(Tracker):
         return measurement.sight.visible(table.means[:, :2], self.config.body_half_width)
 
     def _jacobians(self, measurement: Measurement, axes: np.ndarray) -> np.ndarray:
-        assert measurement.shared_jacobians is not None
+        """(N, m, 6) with respect to the shared error, zero where the measurement has no part in it."""
+        if measurement.shared_jacobians is None:
+            return np.zeros((len(measurement), len(axes), SHARED))
         return measurement.shared_jacobians[:, axes]
 
     def _shared_spreads(self, measurement: Measurement, axes: np.ndarray) -> Optional[np.ndarray]:
