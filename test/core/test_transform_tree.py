@@ -140,6 +140,53 @@ def test_transform_without_sense_is_refused_and_nothing_is_lost(robot, parent, c
     assert robot.frames == frames
 
 
+YEAR = 365 * 24 * 3600 * SECOND
+
+
+@pytest.mark.parametrize("parent", ["odom", "elsewhere"])
+def test_one_transform_stamped_far_ahead_takes_nothing_away(robot, parent):
+    for k in range(101, 200):
+        if k % 10 == 1:
+            try:
+                robot.add(parent, "base", YEAR, x(77.0))
+            except DataError:
+                assert parent == "elsewhere"
+            assert x_of(robot, "odom", "base", k * SECOND // 10 - 2 * SECOND) == pytest.approx(0.1 * k - 2.0)
+            with pytest.raises(TransformUnavailable) as caught:
+                robot.lookup("odom", "base", k * SECOND // 10)
+            assert caught.value.may_arrive
+        robot.add("odom", "base", k * SECOND // 10, x(0.1 * k))
+        assert x_of(robot, "odom", "base", k * SECOND // 10 - 50_000_000) == pytest.approx(0.1 * k - 0.05)
+    assert len(robot._links["base"].stamps_ns) == 51
+
+
+def test_first_transform_stamped_far_ahead_gives_way():
+    tree = TransformTree()
+    for stamp_ns in (YEAR, SECOND, 2 * SECOND):
+        tree.add("odom", "base", stamp_ns, x(float(stamp_ns // SECOND)))
+    assert x_of(tree, "odom", "base", 3 * SECOND // 2) == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize("parent", ["odom", "elsewhere"])
+def test_link_that_goes_on_after_a_long_pause_is_taken_up(robot, parent):
+    for second in (60, 61):
+        try:
+            robot.add(parent, "base", second * SECOND, x(float(second)))
+        except DataError:
+            assert second == 60 and parent == "elsewhere"
+    assert x_of(robot, parent, "base", 61 * SECOND) == pytest.approx(61.0)
+    with pytest.raises(TransformUnavailable) as caught:
+        robot.lookup("odom", "laser", 9 * SECOND)
+    assert parent == "elsewhere" or not caught.value.may_arrive
+
+
+def test_nothing_is_made_up_across_a_pause_longer_than_the_history(robot):
+    robot.add("odom", "base", 60 * SECOND, x(60.0))
+    assert x_of(robot, "odom", "base", 60 * SECOND) == pytest.approx(60.0)
+    with pytest.raises(TransformUnavailable):
+        robot.lookup("odom", "base", 30 * SECOND)
+
+
 def test_history_is_bounded():
     tree = TransformTree(history_s=2.0)
     for k in range(5000):

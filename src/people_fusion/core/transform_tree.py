@@ -39,6 +39,9 @@ class TransformTree(TransformSource):
     transforms with one stamp the first counts. A static link holds at all times, also where /tf repeats it. If a frame
     gets another parent, its history starts anew. If time jumps, call `reset`. Not thread-safe.
 
+    Unlike tf2's, one transform that is stamped ahead by more than the history takes nothing away: what follows bears it
+    out or shows that its stamp was wrong. Nothing is interpolated across a pause that long.
+
     Args:
         history_s: how long each link is remembered before its own newest stamp, seconds.
     """
@@ -62,8 +65,8 @@ class TransformTree(TransformSource):
         """Take parent_from_child.
 
         Raises:
-            DataError: the transform is not finite, names no frame, closes a cycle, or is older than what is kept; it is
-                left out.
+            DataError: the transform is not finite, names no frame, closes a cycle, is older than what is kept, or is the
+                first from a new parent and far ahead; it is left out.
         """
         parent, child = normalise_frame(parent), normalise_frame(child)
         if not (np.isfinite(pose.translation).all() and np.isfinite(pose.rotation).all()):
@@ -74,14 +77,14 @@ class TransformTree(TransformSource):
                 raise DataError("transform without frame", f"{parent!r} to {child!r}")
             if child in self._ancestry(parent):
                 raise DataError("transform closes a cycle", f"{parent} to {child}")
-            if link is not None and not link.is_static and stamp_ns < link.stamps_ns[-1]:
-                raise DataError("transform from a former parent", f"{parent} to {child}")
-            link = self._links[child] = _Link(parent, child)
+            if link is not None and not link.is_static:
+                link.require_later(stamp_ns, parent)
+            link = self._links[child] = _Link(parent, child, self._history_ns)
             self._chains.clear()
         if static or link.is_static:
             link.fix(pose)
         else:
-            link.insert(stamp_ns, pose, self._history_ns)
+            link.insert(stamp_ns, pose)
 
     def lookup(self, target_frame: str, source_frame: str, stamp_ns: int) -> Pose:
         """See TransformSource.lookup; waiting cannot help where a stamp is older than a link's history."""
@@ -122,33 +125,51 @@ class TransformTree(TransformSource):
 
 
 class _Link:
-    """History of parent_from_child, sorted by stamp; a static link has one pose and no stamps."""
+    """History of parent_from_child, sorted by stamp; a static link has one pose and no stamps.
 
-    def __init__(self, parent: str, child: str) -> None:
+    Only the newest stamp may be ahead of the one before by more than the history.
+    """
+
+    def __init__(self, parent: str, child: str, history_ns: int) -> None:
         self.parent, self.child = parent, child
         self.is_static = False
         self.stamps_ns: List[int] = []
         self._poses: List[Pose] = []
+        self._history_ns = history_ns
+        self._rival: Optional[str] = None  # parent of a transform far ahead that was left out
 
     def fix(self, pose: Pose) -> None:
         self.is_static = True
         self.stamps_ns, self._poses = [], [pose]
 
-    def insert(self, stamp_ns: int, pose: Pose, history_ns: int) -> None:
+    def insert(self, stamp_ns: int, pose: Pose) -> None:
         stamps, poses = self.stamps_ns, self._poses
-        if not stamps or stamp_ns > stamps[-1]:
-            stamps.append(stamp_ns)
-            poses.append(pose)
-            expired = bisect.bisect_left(stamps, stamp_ns - history_ns)
-            if expired:
-                del stamps[:expired], poses[:expired]
-            return
-        if stamp_ns < stamps[-1] - history_ns:
-            raise DataError("transform is older than the history", f"{self.parent} to {self.child}")
+        self._rival = None
+        if stamps and stamp_ns < stamps[-1] - self._history_ns:
+            if stamp_ns < self._newest_ns - self._history_ns and len(stamps) > 1:
+                raise DataError("transform is older than the history", f"{self.parent} to {self.child}")
+            del stamps[-1], poses[-1]  # its stamp was wrong
         place = bisect.bisect_left(stamps, stamp_ns)
-        if stamps[place] != stamp_ns:
+        if stamps[place : place + 1] != [stamp_ns]:
             stamps.insert(place, stamp_ns)
             poses.insert(place, pose)
+        expired = bisect.bisect_left(stamps, self._newest_ns - self._history_ns)
+        del stamps[:expired], poses[:expired]
+
+    def require_later(self, stamp_ns: int, parent: str) -> None:
+        """For a transform from another parent."""
+        if stamp_ns < self._newest_ns:
+            raise DataError("transform from a former parent", f"{parent} to {self.child}")
+        if stamp_ns > self._newest_ns + self._history_ns and self._rival != parent:
+            self._rival = parent
+            raise DataError("transform from a new parent far ahead", f"{parent} to {self.child}")
+
+    @property
+    def _newest_ns(self) -> int:
+        """The newest stamp but for one that is far ahead of the others."""
+        stamps = self.stamps_ns
+        far_ahead = len(stamps) > 1 and stamps[-1] - stamps[-2] > self._history_ns
+        return stamps[-2] if far_ahead else stamps[-1]
 
     def require_not_forgotten(self, stamp_ns: int) -> None:
         if self.stamps_ns and stamp_ns < self.stamps_ns[0]:
@@ -166,6 +187,9 @@ class _Link:
         if after == stamp_ns:
             return self._poses[place]
         before = self.stamps_ns[place - 1]
+        if after - before > self._history_ns:
+            message = f"{self.parent} to {self.child} is {self._seconds(stamp_ns - before)} too old"
+            raise TransformUnavailable(message, may_arrive=True)
         return interpolate(self._poses[place - 1], self._poses[place], (stamp_ns - before) / (after - before))
 
     @staticmethod
