@@ -60,6 +60,23 @@ def test_a_person_outlives_a_leg_for_the_window_and_takes_a_new_one():
     assert not walk(people, 1).persons
 
 
+def test_who_began_with_other_legs_keeps_the_identity_for_himself():
+    """A person goes on with new legs; those that he began with make another person."""
+    people = walk(People.nobody(), 9, (1, 0.0, 0.0, 1.0, 0.0), (2, 0.3, 0.0, 1.0, 0.0))
+    others = people._replace(persons=(people.persons[0]._replace(legs=(5, 6)),))
+    both = [(1, 0.0, 0.0, 1.0, 0.0), (2, 0.3, 0.0, 1.0, 0.0), (5, 0.0, 5.0, 1.0, 0.0), (6, 0.3, 5.0, 1.0, 0.0)]
+    names = [person.id for person in walk(others, 9, *both).persons]
+    assert len(names) == len(set(names)) == 2
+
+
+def test_a_leg_that_is_seen_takes_the_place_of_one_that_is_not():
+    people = walk(People.nobody(), 9, (1, 0.0, 0.0, 1.0, 0.0), (2, 0.3, 0.0, 1.0, 0.0))
+    three = legs((1, 1.0, 0.0, 1.0, 0.0), (2, 1.3, 0.0, 1.0, 0.0), (3, 1.1, 0.1, 1.0, 0.0))
+    now = 10**10
+    three = three._replace(seen_ns=np.array([now, now - 10**9, now]))
+    assert recognise(people, three, now, CONFIG, hash).persons[0].legs == (1, 3)
+
+
 @pytest.mark.parametrize("other_leg", [0.03, 0.1, 0.3])
 def test_the_body_is_as_certain_as_its_covariance_says(other_leg):
     """One leg is known well, the other less; average NEES of 2000 draws, 2 dimensions."""

@@ -39,6 +39,9 @@ class ActivityConfig:
     speed: Optional[float] = parameter(
         None, "of walking; the person's own where it is left out, m/s", low=0.1, high=2.5
     )
+    spin: float = parameter(
+        0.0, "of the body while it walks, about the standing leg, rad/s; 0: it looks ahead", low=-12.0, high=12.0
+    )
 
 
 @dataclass(frozen=True)
@@ -87,6 +90,7 @@ class _Agenda:
     until_s: float = 0.0
     way: Tuple[np.ndarray, ...] = ()
     speed: float = 1.0
+    spin: float = 0.0
     place: np.ndarray = None  # type: ignore[assignment]
     facing: Optional[np.ndarray] = None
     sits: bool = False
@@ -236,7 +240,7 @@ class People:
     def _start(self, person: int, agenda: _Agenda, activity: ActivityConfig, now_s: float) -> None:
         agenda.sits = activity.do == "sit"
         agenda.speed = self._speeds[person] if activity.speed is None else activity.speed
-        agenda.until_s = now_s
+        agenda.until_s, agenda.spin = now_s, activity.spin
         if activity.facing is not None:
             agenda.facing = np.array(activity.facing)
         if activity.do == "walk":
@@ -340,7 +344,7 @@ class People:
         self.centres = before + shift * np.minimum(1.0, 1.5 * dt / np.maximum(length, 1e-9))
 
     def _turn(self, walking: np.ndarray, dt: float) -> None:
-        """Bodies turn to where they go or to what they look at."""
+        """Bodies turn to where they go or to what they look at; or merely turn."""
         goal = self.headings.copy()
         for person, agenda in enumerate(self._agendas):
             velocity = self.velocities[person]
@@ -349,4 +353,5 @@ class People:
             elif agenda.facing is not None:
                 goal[person] = np.arctan2(*(agenda.facing - self.centres[person])[::-1])
         rate = np.clip(4.0 * planar.wrap(goal - self.headings), -self._behaviour.turn_rate, self._behaviour.turn_rate)
-        self.headings = self.headings + dt * rate
+        spin = np.array([agenda.spin for agenda in self._agendas])
+        self.headings = self.headings + dt * np.where(walking & (spin != 0.0), spin, rate)

@@ -37,7 +37,7 @@ class MhtConfig:
     new_rate: float = parameter(0.001, "new tracks a square metre and scan", 1e-12)
     false_rate: float = parameter(0.003, "false alarms a square metre and scan", 1e-12)
     gate: float = parameter(9.21, "largest squared Mahalanobis distance of a pair; chi-square, 2 dof, 1 %", low=0.0)
-    acceleration_std: float = parameter(3.0, "of a leg, whose steps the model does not know, m/s^2", low=0.0)
+    acceleration_std: float = parameter(15.0, "of a leg, which swings and stops at each step, m/s^2", low=0.0)
     initial_speed_std: float = parameter(1.0, "of a new track, m/s", low=0.0)
     max_hypotheses: int = parameter(50, "best children that are kept of all parents together", low=1)
     min_ratio: float = parameter(1e-4, "less probable hypotheses than this share of the best are dropped", 0.0, 1.0)

@@ -8,6 +8,7 @@ from typing import Callable, Dict, List, NamedTuple, Optional, Set, Tuple
 import numpy as np
 
 from people_fusion.core.config import parameter
+from people_fusion.core.stamps import from_seconds
 from people_fusion.tracking.leg_hypotheses import LegTracks
 
 Pair = Tuple[int, int]  # identities of two legs, the lower first
@@ -18,11 +19,14 @@ class PeopleConfig:
     """When two legs are a person."""
 
     leg_distance: float = parameter(0.75, "theta_d: legs farther apart are not one person's, metres", low=0.0)
-    window: int = parameter(10, "L: scans over which legs are compared, and for which a person outlives a leg", low=1)
+    window: int = parameter(20, "L: scans over which legs are compared, and for which a person outlives a leg", low=1)
     agreement: float = parameter(
         4.0, "theta_a: sum over the window of the cosine between both legs' ways from which they are a person"
     )
     least_way: float = parameter(0.25, "a leg that moved less over the window has no direction, metres", low=0.0)
+    stale_s: float = parameter(
+        0.4, "a leg that was not seen for longer makes way for a free one that is, seconds", low=0.0
+    )
     hidden_s: float = parameter(
         3.0, "legs of a person of whom nothing was seen for longer are no longer approved, and so end, seconds", low=0.0
     )
@@ -76,13 +80,13 @@ class People(NamedTuple):
 
 
 def recognise(
-    people: People, legs: LegTracks, stamp_ns: int, config: PeopleConfig, identity: Callable[[Pair], int]
+    people: People, legs: LegTracks, stamp_ns: int, config: PeopleConfig, identity: Callable[[Tuple[int, ...]], int]
 ) -> People:
     """People after a scan.
 
-    Beyond the paper, where a person ends with either leg, the one that is left is kept for the window's length and
-    takes a free leg that appears beside it. And a leg's direction is that of its way over the window, not of its
-    velocity: of two legs that walk, one stands.
+    Beyond the paper, where a person ends with either leg, the one that is left is kept for the window's length, and a
+    free leg that appears beside it takes the place of one that is gone or not seen any more. And a leg's direction is
+    that of its way over the window, not of its velocity: of two legs that walk, one stands.
 
     Args:
         people: before the scan.
@@ -100,19 +104,26 @@ def recognise(
     }
     agreement = _agreement(people.agreement, legs, trails, near, config)
     persons: List[Person] = []
+    fresh = {
+        leg
+        for leg, seen_ns in zip(legs.ids.tolist(), legs.seen_ns.tolist())
+        if stamp_ns - seen_ns <= from_seconds(config.stale_s)
+    }
     taken: Set[int] = {leg for person in people.persons for leg in person.legs}
     for person in people.persons:
         left = tuple(leg for leg in person.legs if leg in row)
-        if len(left) == 2 and near[row[left[0]], row[left[1]]]:
-            persons.append(person._replace(legs=left, amiss=0))
-            continue
-        if len(left) == 1:
-            other = _free_leg(row[left[0]], legs, apart, near, taken)
+        seen_now = tuple(leg for leg in left if leg in fresh)
+        if left and len(seen_now) < 2:
+            # A leg that is not seen any more may be the one that has just appeared.
+            kept = (seen_now or left)[0]
+            other = _free_leg(row[kept], legs, apart, near, fresh - taken)
             if other is not None:
                 taken.add(other)
-                persons.append(person._replace(legs=(left[0], other), amiss=0))
+                persons.append(person._replace(legs=(kept, other), amiss=0))
                 continue
-        if left and person.amiss < config.window:
+        if len(left) == 2 and near[row[left[0]], row[left[1]]]:
+            persons.append(person._replace(legs=left, amiss=0))
+        elif left and person.amiss < config.window:
             persons.append(person._replace(legs=left, amiss=person.amiss + 1))
     taken = {leg for person in persons for leg in person.legs}
     for pair in sorted(agreement, key=lambda entry: (-sum(agreement[entry]), entry)):
@@ -120,7 +131,10 @@ def recognise(
             break
         if not taken.intersection(pair):
             taken.update(pair)
-            persons.append(Person(identity(pair), pair, 0, stamp_ns, stamp_ns))
+            name = identity(pair)
+            if any(person.id == name for person in persons):  # who began with these legs has others by now
+                name = identity((*pair, stamp_ns))
+            persons.append(Person(name, pair, 0, stamp_ns, stamp_ns))
     seen = dict(zip(legs.ids.tolist(), legs.seen_ns.tolist()))
     persons = [person._replace(seen_ns=max(seen[leg] for leg in person.legs)) for person in persons]
     return People(tuple(persons), trails, agreement)
@@ -172,12 +186,9 @@ def _agreement(
     return now
 
 
-def _free_leg(
-    place: int, legs: LegTracks, apart: np.ndarray, near: np.ndarray, taken: Set[int]
-) -> Optional[int]:
-    """The nearest leg beside this one that belongs to nobody."""
-    beside = [other for other in np.flatnonzero(near[place]).tolist() if other != place]
-    free = [other for other in beside if int(legs.ids[other]) not in taken]
-    if not free:
+def _free_leg(place: int, legs: LegTracks, apart: np.ndarray, near: np.ndarray, free: Set[int]) -> Optional[int]:
+    """The nearest free leg beside this one."""
+    beside = [other for other in np.flatnonzero(near[place]).tolist() if int(legs.ids[other]) in free]
+    if not beside:
         return None
-    return int(legs.ids[min(free, key=lambda other: (float(apart[place, other]), other))])
+    return int(legs.ids[min(beside, key=lambda other: (float(apart[place, other]), other))])

@@ -61,6 +61,11 @@ class LegMht(Tracker):
         forest = self._state.forest
         return forest.tracks.take(np.array(forest.hypotheses[0].tracks, dtype=int))
 
+    @property
+    def hypotheses(self) -> int:
+        """How many are kept."""
+        return len(self._state.forest.hypotheses)
+
     def process(self, measurement: Measurement) -> None:
         """See Tracker."""
         before = self._state.stamp_ns
