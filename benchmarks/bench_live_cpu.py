@@ -137,8 +137,8 @@ def wait_until(condition: Callable[[], bool], what: str) -> None:
 
 
 @contextmanager
-def master() -> Iterator[None]:
-    """A master on a free port, and this program as a node of it."""
+def master(simulated_time: bool = False) -> Iterator[None]:
+    """A master on a free port, and this program as a node of it, on the clock of a player if so wanted."""
     with socket.socket() as free:
         free.bind(("", 0))
         port = free.getsockname()[1]
@@ -146,7 +146,8 @@ def master() -> Iterator[None]:
     core = subprocess.Popen(["roscore", "-p", str(port)], stdout=subprocess.DEVNULL)
     try:
         wait_until(rosgraph.is_master_online, "the master")
-        rospy.init_node("bench_live_cpu", disable_signals=True)
+        rosgraph.Master("/benchmark").setParam("/use_sim_time", simulated_time)
+        rospy.init_node("benchmark", disable_signals=True)
         yield
     finally:
         rospy.signal_shutdown("done")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import math
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +29,7 @@ from people_fusion.cues.cue import Cue, TransformRequest
 from people_fusion.evaluation.delay_plots import plot_policies
 from people_fusion.evaluation.evaluate import Evaluation
 from people_fusion.evaluation.plots import png
-from people_fusion.evaluation.tables import UNDEFINED, Table, number, percent
+from people_fusion.evaluation.tables import UNDEFINED, Table, millimetres, number, percent
 from people_fusion.replay.discovery import Sources, discover
 from people_fusion.replay.ground_truth import Instant, read_ground_truth
 from people_fusion.replay.recording import Recording
@@ -117,13 +118,14 @@ def run(options: argparse.Namespace, notes: Console) -> None:
     selection = Selection(ground_truth=options.ground_truth, start_s=options.start, duration_s=options.duration)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=notes, transient=True, disable=not notes.is_terminal) as bar:
-        task = bar.add_task("policies", total=len(POLICIES))
+        task = bar.add_task("policies", total=len(options.policies))
         rows = compare(
             options.bag,
             config,
             selection,
             processing_times(options.processing),
             lambda name: bar.update(task, advance=1, description=name),
+            options.policies,
         )
     print(policy_table(rows).as_text())
     if options.json is not None:
@@ -134,7 +136,7 @@ def run(options: argparse.Namespace, notes: Console) -> None:
             {name: row.delays_s for name, row in shown.items()},
             {name: _mota(row.recorded) for name, row in shown.items()},
             {name: _mota(row.at_once) for name, row in shown.items()},
-            _mota(rows[ZERO_DELAY].recorded),
+            _mota(rows[ZERO_DELAY].recorded) if ZERO_DELAY in rows else math.nan,
         )
         try:
             options.plot.write_bytes(png(figure))
@@ -148,15 +150,17 @@ def compare(
     selection: Selection,
     processing_s: Mapping[str, float],
     done: Callable[[str], None] = lambda _name: None,
+    policies: Sequence[str] = tuple(POLICIES),
 ) -> Dict[str, Row]:
-    """Run a preset with each of POLICIES over a recording; by name, in their order, the preview last.
+    """Run a preset with each policy over a recording; by name, in their order, the preview last.
 
     Args:
         path: ROS 1 bag.
-        config: preset; its own buffer is not used, but for what all policies have in common.
+        config: preset; its own buffer is not used.
         selection: which part, and how it is scored.
         processing_s: see Session.
         done: called with the name of each policy that is done.
+        policies: names in POLICIES.
 
     Raises:
         RecordingError: as `replay`.
@@ -179,8 +183,8 @@ def compare(
             instants = read_ground_truth(recording, sources.ground_truth, sources.scans, *window)
         framed = dataclasses.replace(config, frames=sources.frames)
         memory: _Memory = {}
-        for name, mapping in POLICIES.items():
-            policy = parse(FusionConfig, {"buffer": mapping}).buffer
+        for name in policies:
+            policy = parse(FusionConfig, {"buffer": POLICIES[name]}).buffer
             with_policy = dataclasses.replace(framed, buffer=policy)
             listener = _Listener(with_policy, sources, instants, memory, processing_s)
             listener.session.run(recording, selection.start_s, selection.duration_s)
@@ -197,8 +201,8 @@ def compare(
 
 def policy_table(rows: Mapping[str, Row]) -> Table:
     """One row for each policy."""
-    at_once = ("MOTA at once", "IDF1 at once")
-    header = ("", "delay", "95 %", "since arrival", "rate", "lost", "MOTA", "IDF1", "NEES", *at_once)
+    at_once = ("MOTA at once", "MOTP at once")
+    header = ("", "delay", "95 %", "since arrival", "rate", "lost", "MOTA", "MOTP", "IDF1", "NEES", *at_once)
     lines = []
     for name, row in rows.items():
         values = row.to_dict()
@@ -208,10 +212,11 @@ def policy_table(rows: Mapping[str, Row]) -> Table:
             UNDEFINED if values["rate_hz"] is None else f"{values['rate_hz']:.1f} Hz",
             percent(values["discarded"]),
             percent(values["mota"]),
+            millimetres(values["motp_m"]),
             percent(values["idf1"]),
             number(values["nees"]),
             percent(values["at_once"]["mota"]),
-            percent(values["at_once"]["idf1"]),
+            millimetres(values["at_once"]["motp_m"]),
         ))  # fmt: skip
     return Table(header, tuple(lines))
 
@@ -371,7 +376,7 @@ def _without_delay(row: Row) -> Row:
 
 def _mota(evaluation: Optional[Evaluation]) -> float:
     mota = None if evaluation is None else evaluation.scores.clear_mot.mota
-    return float("nan") if mota is None else mota
+    return math.nan if mota is None else mota
 
 
 def _milliseconds(value_s: Optional[float]) -> str:
@@ -385,6 +390,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--config", metavar="FILE", help="preset: default, poschmann_t1, volkhardt or a YAML file (default: default)")
     add("--set", metavar="KEY=VALUE", action="append", default=[], help="over the preset, e.g. tracker/gate=9.2")
     add("--ground-truth", metavar="TOPIC", help="annotated people (default: found by name and type)")
+    names = "; ".join(POLICIES)
+    add("--policies", nargs="+", choices=POLICIES, default=list(POLICIES), metavar="NAME", help=f"default: {names}")
     add_processing(parser)
     add("--start", type=float, default=0.0, metavar="S", help="seconds to leave out at the beginning")
     add("--duration", type=float, metavar="S", help="seconds to replay")

@@ -38,8 +38,8 @@ class Timing(NamedTuple):
 CUES: Dict[str, Timing] = {
     "front laser": Timing(12.0, 0.0, 0.035, 0.007),
     "rear laser": Timing(5.0, 0.013, 0.035, 0.007),
-    "faces": Timing(9.0, 0.0, 0.009, 0.101),
-    "upper bodies": Timing(9.0, 0.0, 0.009, 0.101),
+    "faces": Timing(4.5, 0.0, 0.009, 0.101),
+    "upper bodies": Timing(4.5, 1.0 / 9.0, 0.009, 0.101),
     "heads": Timing(9.0, 0.0, 0.009, 0.069),
 }
 

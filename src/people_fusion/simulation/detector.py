@@ -36,6 +36,8 @@ class DetectorConfig:
     yaw: float = parameter(0.0, "of the camera on base_link, radians")
     rate: float = parameter(9.0, "images a second", low=0.1, high=100.0)
     offset_s: float = parameter(0.0, "first image after the start, seconds", low=0.0)
+    every: int = parameter(1, "takes every n-th image of its camera", low=1)
+    first: int = parameter(0, "number of the first image that it takes", low=0)
     readout_s: float = parameter(0.009, "from the exposure, which is the stamp, to the cue, seconds", low=0.0)
     readout_std_s: float = parameter(0.001, "of that", low=0.0)
     processing_s: float = parameter(0.069, "from the cue's beginning to its measurement, seconds", low=0.0)
@@ -141,7 +143,7 @@ class Detector:
             roots @ roots,
             np.full(len(found), config.confidence),
             XYZ_OBSERVED,
-            1.0 / config.rate,
+            config.every / config.rate,
             announcement.sequence,
             sight=NO_SIGHT,
         )

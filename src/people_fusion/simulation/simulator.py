@@ -190,10 +190,12 @@ class Simulation:
 
     def _detections(self, detector: Detector) -> Iterator[Event]:
         config = detector.config
-        times = self._times(config.rate, config.offset_s)
+        images = self._times(config.rate, config.offset_s)
         # Cues of one camera share its images and their read-out.
-        draws = self._generator(f"camera {config.frame}").standard_normal(len(times))
-        delays_s = np.maximum(config.readout_s + config.readout_std_s * draws, 0.0)
+        draws = self._generator(f"camera {config.frame}").standard_normal(len(images))
+        taken = slice(config.first, None, config.every)
+        delays_s = np.maximum(config.readout_s + config.readout_std_s * draws, 0.0)[taken]
+        times = images[taken]
         stamps_ns = [_stamp(time) for time in times]
         for arrival_ns, item in detector.events(self.history, BASE_HEIGHT, times, stamps_ns, delays_s):
             topic = DETECTIONS_TOPIC if isinstance(item, Measurement) else ANNOUNCEMENTS_TOPIC
