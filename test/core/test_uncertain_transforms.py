@@ -195,6 +195,34 @@ def test_memory_is_bounded_while_fixes_come_and_when_they_stay_away():
     assert len(transforms._localisation) <= 152
 
 
+@pytest.mark.parametrize("first", [False, True])
+def test_one_fix_stamped_far_ahead_takes_nothing_away(first):
+    year = 365 * 24 * 3600 * SECOND
+    odometry = wander(np.random.default_rng(7), 30)
+    right, misled = (robot(odometry, TransformsConfig(), history_s=40.0) for _ in range(2))
+    if first:
+        misled.add_localisation(year, fix(covariance=9.0 * FIX))
+    for k in range(0, 300, 5):
+        for transforms in (right, misled):
+            transforms.add_localisation(k * STEP_NS, fix(covariance=(1.0 + 0.01 * k) * FIX))
+        if k % 50 == 0:
+            misled.add_localisation(year, fix(covariance=9.0 * FIX))
+        for stamp in (k - 40, k - 1, k, k + 4):
+            np.testing.assert_array_equal(
+                misled.localisation_covariance(stamp * STEP_NS), right.localisation_covariance(stamp * STEP_NS)
+            )
+    assert len(misled._localisation) <= len(right._localisation) + 1
+
+
+def test_fix_after_a_long_stand_counts_at_once():
+    transforms = standing(seconds=100, history_s=100.0)
+    transforms.add_localisation(0, fix())
+    transforms.add_localisation(90 * SECOND, fix(covariance=25.0 * FIX))
+    np.testing.assert_allclose(transforms.localisation_covariance(90 * SECOND), 25.0 * FIX)
+    np.testing.assert_allclose(transforms.localisation_covariance(95 * SECOND), 25.0 * FIX)
+    np.testing.assert_allclose(transforms.localisation_covariance(50 * SECOND), FIX)
+
+
 @pytest.mark.parametrize("odom", ["", "odometry"])
 def test_covariance_is_held_where_there_is_no_odometry(odom):
     tree = TransformTree()

@@ -39,7 +39,7 @@ class DriftConfig:
 
 @dataclass(frozen=True, eq=False)
 class _Grown:
-    """Where the robot believes to be since the last fix; `odom_from_base` is None while odometry does not say."""
+    """Where the robot believes to be, at a fix or since; `odom_from_base` is None while odometry does not say."""
 
     stamp_ns: int
     odom_from_base: Optional[Pose]
@@ -51,6 +51,9 @@ class LocalisationHistory:
 
     Before the first fix that of the first; between two fixes interpolated; after the last one carried along the robot's
     way in odometry, with the drift added step by step. Where odometry cannot be had the last covariance is held.
+
+    A fix counts from `history_s` before its stamp on. One that is stamped ahead of all others by more takes nothing
+    away: what follows bears it out or shows that its stamp was wrong.
 
     Args:
         source: gives odom_from_base.
@@ -64,8 +67,9 @@ class LocalisationHistory:
         self._drift = drift
         self._history_ns = from_seconds(history_s)
         self._stamps_ns: List[int] = []
-        self._fixes: List[UncertainPose] = []
-        self._grown: Deque[_Grown] = deque()  # since the last fix
+        self._fixes: List[_Grown] = []
+        self._grown: Deque[_Grown] = deque()  # since `_origin`
+        self._origin: Optional[_Grown] = None  # the last fix that anybody asked beyond
 
     def __len__(self) -> int:
         return len(self._fixes)
@@ -79,40 +83,55 @@ class LocalisationHistory:
         mean = world_from_base.mean
         if not (np.isfinite(mean.translation).all() and np.isfinite(mean.rotation).all()):
             raise DataError("localisation is not finite")
-        fix = UncertainPose(mean, checked_covariance(world_from_base.covariance, "localisation covariance"))
-        place = bisect.bisect_left(self._stamps_ns, stamp_ns)
-        repeated = place < len(self._stamps_ns) and self._stamps_ns[place] == stamp_ns
-        self._stamps_ns[place : place + repeated] = [stamp_ns]
+        covariance = checked_covariance(world_from_base.covariance, "localisation covariance")
+        fix = _Grown(stamp_ns, self._odom_from_base(stamp_ns), UncertainPose(mean, covariance))
+        stamps = self._stamps_ns
+        if stamps and self._newest_ns < stamp_ns < stamps[-1] - self._history_ns:
+            del stamps[-1], self._fixes[-1]  # its stamp was wrong
+        place = bisect.bisect_left(stamps, stamp_ns)
+        repeated = stamps[place : place + 1] == [stamp_ns]
+        stamps[place : place + repeated] = [stamp_ns]
         self._fixes[place : place + repeated] = [fix]
-        if place == len(self._stamps_ns) - 1:
-            self._grown.clear()
-            self._grown.append(self._fixed())
-        while len(self._stamps_ns) > 1 and self._stamps_ns[1] < self._stamps_ns[-1] - self._history_ns:
-            del self._stamps_ns[0], self._fixes[0]
+        while len(stamps) > 1 and stamps[1] < self._newest_ns - self._history_ns:
+            del stamps[0], self._fixes[0]
 
     def reset(self) -> None:
         """Forget all fixes."""
         self._stamps_ns.clear()
         self._fixes.clear()
         self._grown.clear()
+        self._origin = None
 
     def covariance(self, stamp_ns: int) -> np.ndarray:
         """(6, 6) of world_from_base at the stamp; zero before there is any fix."""
-        stamps = self._stamps_ns
+        stamps, fixes = self._stamps_ns, self._fixes
         if not stamps:
             return np.zeros((6, 6))
+        last = max(bisect.bisect_right(stamps, stamp_ns + self._history_ns) - 1, 0)
         if stamp_ns <= stamps[0]:
-            return self._fixes[0].covariance
-        if stamp_ns > stamps[-1]:
-            return self._held_and_grown(stamp_ns)
+            return fixes[0].world_from_base.covariance
+        if stamp_ns > stamps[last]:
+            return self._held_and_grown(fixes[last], stamp_ns)
         after = bisect.bisect_left(stamps, stamp_ns)
         fraction = (stamp_ns - stamps[after - 1]) / (stamps[after] - stamps[after - 1])
-        return (1.0 - fraction) * self._fixes[after - 1].covariance + fraction * self._fixes[after].covariance
+        before, then = fixes[after - 1].world_from_base, fixes[after].world_from_base
+        return (1.0 - fraction) * before.covariance + fraction * then.covariance
 
-    def _held_and_grown(self, stamp_ns: int) -> np.ndarray:
+    @property
+    def _newest_ns(self) -> int:
+        """The newest stamp but for one that is far ahead of the others."""
+        stamps = self._stamps_ns
+        far_ahead = len(stamps) > 1 and stamps[-1] - stamps[-2] > self._history_ns
+        return stamps[-2] if far_ahead else stamps[-1]
+
+    def _held_and_grown(self, fix: _Grown, stamp_ns: int) -> np.ndarray:
         grown = self._grown
+        if self._origin is not fix:
+            self._origin = fix
+            grown.clear()
+            grown.append(fix)
         if len(grown) == 1 and grown[0].odom_from_base is None:  # odometry came after the fix
-            grown[0] = self._fixed()
+            grown[0] = _Grown(fix.stamp_ns, self._odom_from_base(fix.stamp_ns), fix.world_from_base)
         newest = grown[-1].stamp_ns
         last = newest + (stamp_ns - newest) // STEP_NS * STEP_NS
         first = max(newest + STEP_NS, last - self._history_ns // STEP_NS * STEP_NS)  # odometry reaches back no further
@@ -122,10 +141,6 @@ class LocalisationHistory:
             grown.popleft()
         start = next((state for state in reversed(grown) if state.stamp_ns <= stamp_ns), grown[0])
         return self._move(start, max(stamp_ns, start.stamp_ns)).world_from_base.covariance
-
-    def _fixed(self) -> _Grown:
-        """The robot's belief at the last fix."""
-        return _Grown(self._stamps_ns[-1], self._odom_from_base(self._stamps_ns[-1]), self._fixes[-1])
 
     def _move(self, start: _Grown, stamp_ns: int) -> _Grown:
         """The robot's belief at a later stamp."""

@@ -65,8 +65,8 @@ class TransformTree(TransformSource):
         """Take parent_from_child.
 
         Raises:
-            DataError: the transform is not finite, names no frame, closes a cycle, is older than what is kept, or is the
-                first from a new parent and far ahead; it is left out.
+            DataError: the transform is not finite, names no frame, closes a cycle, is older than what is kept, or is
+                the first from a new parent and far ahead; it is left out.
         """
         parent, child = normalise_frame(parent), normalise_frame(child)
         if not (np.isfinite(pose.translation).all() and np.isfinite(pose.rotation).all()):
@@ -145,9 +145,9 @@ class _Link:
     def insert(self, stamp_ns: int, pose: Pose) -> None:
         stamps, poses = self.stamps_ns, self._poses
         self._rival = None
-        if stamps and stamp_ns < stamps[-1] - self._history_ns:
-            if stamp_ns < self._newest_ns - self._history_ns and len(stamps) > 1:
-                raise DataError("transform is older than the history", f"{self.parent} to {self.child}")
+        if len(stamps) > 1 and stamp_ns < self._newest_ns - self._history_ns:
+            raise DataError("transform is older than the history", f"{self.parent} to {self.child}")
+        if stamps and self._newest_ns < stamp_ns < stamps[-1] - self._history_ns:
             del stamps[-1], poses[-1]  # its stamp was wrong
         place = bisect.bisect_left(stamps, stamp_ns)
         if stamps[place : place + 1] != [stamp_ns]:
