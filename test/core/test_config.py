@@ -34,6 +34,18 @@ class Square(Circle):
 
 
 @dataclass(frozen=True)
+class SpanConfig:
+    first: float = parameter(0.0, "metres")
+    last: float = parameter(1.0, "metres")
+
+    def __post_init__(self):
+        if self.last < self.first:
+            raise ConfigError("last: less than first")
+        if self.first == self.last == 0.0:
+            raise ConfigError("nothing is spanned")
+
+
+@dataclass(frozen=True)
 class Config:
     name: str = parameter("a", "a word", choices=("a", "b"))
     on: bool = parameter(False, "a switch")
@@ -43,6 +55,7 @@ class Config:
     named: Dict[str, float] = parameter({}, "numbers by name", low=0.0)
     inner: CircleConfig = section(CircleConfig, "nested")
     by_name: Dict[str, CircleConfig] = parameter({}, "nested by name")
+    spans: Dict[str, SpanConfig] = parameter({}, "values that must go together")
     shape: object = component(SHAPES, CircleConfig, "exchangeable")
 
 
@@ -94,6 +107,8 @@ def test_values_of_every_kind_are_taken():
         ({"shape": {"edge": 4}}, "^shape: expected a mapping with `type`, one of circle, square"),
         ({"shape": {"type": "cube"}}, "^shape/type: no shape 'cube'; there are circle, square"),
         ({"shape": {"type": "square", "radius": 1.0}}, "^shape/radius: unknown"),
+        ({"spans": {"x": {"last": -1.0}}}, "^spans/x/last: less than first"),
+        ({"spans": {"x": {"last": 0.0}}}, "^spans/x: nothing is spanned"),
         ([], "expected a mapping"),
     ],
 )
@@ -105,6 +120,13 @@ def test_what_is_wrong_is_refused_by_its_path(mapping, path):
 def test_path_begins_where_the_mapping_stands():
     with pytest.raises(ConfigError, match=r"^tracker/inner/radius: "):
         parse(Config, {"inner": {"radius": -1.0}}, "tracker")
+
+
+def test_values_that_do_not_go_together_are_refused_by_their_path():
+    with pytest.raises(ConfigError, match=r"^last: "):
+        parse(SpanConfig, {"last": -1.0})
+    with pytest.raises(ConfigError, match=r"^tracker/last: "):
+        parse(SpanConfig, {"last": -1.0}, "tracker")
 
 
 def test_two_parts_of_one_name_are_refused():

@@ -72,7 +72,12 @@ def parse(config: Type[C], mapping: Any, path: str = "") -> C:
         if key not in fields:
             raise ConfigError(f"{key_path}: unknown parameter; there are {', '.join(fields) or 'none'}")
         values[key] = _convert(hints[key], value, key_path, fields[key].metadata)
-    return config(**values)
+    try:
+        return config(**values)
+    except ConfigError as error:  # values that do not go together; `error` may begin with the one of them
+        if not path:
+            raise
+        raise ConfigError(f"{path}{'/' if str(error).split(':')[0] in fields else ': '}{error}") from error
 
 
 def load_yaml(path: Union[str, Path]) -> Any:
