@@ -50,6 +50,8 @@ class Config:
     name: str = parameter("a", "a word", choices=("a", "b"))
     on: bool = parameter(False, "a switch")
     maybe: Optional[float] = parameter(None, "a number or nothing", low=0.0)
+    far: float = parameter(1.0, "metres", high=float("inf"))
+    farther: float = parameter(float("inf"), "metres")
     pair: Tuple[float, float] = parameter((0.0, 0.0), "two numbers")
     many: Tuple[float, ...] = parameter((), "numbers")
     named: Dict[str, float] = parameter({}, "numbers by name", low=0.0)
@@ -95,6 +97,9 @@ def test_values_of_every_kind_are_taken():
         ({"maybe": True}, "^maybe: expected float"),
         ({"maybe": -1.0}, "^maybe: .*not within"),
         ({"maybe": float("nan")}, "^maybe: .*not within"),
+        ({"maybe": float("inf")}, "^maybe: inf is not finite"),
+        ({"named": {"x": float("inf")}}, "^named/x: inf is not finite"),
+        ({"maybe": 10**400}, "^maybe: "),
         ({"pair": [1.0]}, "^pair: expected 2 values"),
         ({"pair": 1.0}, "^pair: expected a list"),
         ({"many": [1.0, "x"]}, r"^many\[1\]: "),
@@ -120,6 +125,10 @@ def test_what_is_wrong_is_refused_by_its_path(mapping, path):
 def test_path_begins_where_the_mapping_stands():
     with pytest.raises(ConfigError, match=r"^tracker/inner/radius: "):
         parse(Config, {"inner": {"radius": -1.0}}, "tracker")
+
+
+def test_infinity_is_a_value_only_where_it_means_something():
+    assert parse(Config, {"far": float("inf"), "farther": float("inf")}).far == float("inf")
 
 
 def test_values_that_do_not_go_together_are_refused_by_their_path():

@@ -30,11 +30,15 @@ def parameter(
     default: Any,
     doc: str,
     low: float = -math.inf,
-    high: float = math.inf,
+    high: Optional[float] = None,
     choices: Optional[Tuple[str, ...]] = None,
 ) -> Any:
-    """Field of a config dataclass with its documentation, range (both ends included) or allowed words."""
-    metadata = {"doc": doc, "low": low, "high": high, "choices": choices}
+    """Field of a config dataclass with its documentation, range (both ends included) or allowed words.
+
+    Infinity is a value only where it is the default or given as `high`.
+    """
+    finite, high = high is None and default != math.inf, math.inf if high is None else high
+    metadata = {"doc": doc, "low": low, "high": high, "finite": finite, "choices": choices}
     if isinstance(default, (dict, list)):
         return dataclasses.field(default_factory=lambda: type(default)(default), metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
@@ -137,13 +141,15 @@ def _convert(hint: Any, value: Any, path: str, metadata: Mapping[str, Any]) -> A
 
 def _scalar(hint: Any, value: Any, path: str, metadata: Mapping[str, Any]) -> Any:
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
+        value = float(value) if abs(value) < 1e300 else math.inf  # YAML knows integers of any length
     if type(value) is not hint:
         raise ConfigError(f"{path}: expected {hint.__name__}, got {value!r}")
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         low, high = metadata.get("low", -math.inf), metadata.get("high", math.inf)
         if not low <= value <= high:  # also refuses NaN
             raise ConfigError(f"{path}: {value!r} is not within [{low}, {high}]")
+        if math.isinf(value) and metadata.get("finite", True):
+            raise ConfigError(f"{path}: {value!r} is not finite")
     choices = metadata.get("choices")
     if choices is not None and value not in choices:
         raise ConfigError(f"{path}: {value!r} is not one of {', '.join(choices)}")

@@ -40,10 +40,10 @@ class BayesConfig:
     )
     confidence_time_s: float = parameter(3.0, "over which that average is taken, seconds", low=0.01)
     furniture_after_s: float = parameter(
-        90.0, "who rests this long is furniture and not reported until it moves, seconds; .inf: off", low=0.0
+        90.0, "who rests this long is furniture and not reported until it moves, seconds; .inf: off", 0.0, math.inf
     )
     furniture_unmoved_after_s: float = parameter(
-        30.0, "the same for what has never been seen to move, seconds; .inf: off", low=0.0
+        30.0, "the same for what has never been seen to move, seconds; .inf: off", 0.0, math.inf
     )
     longest_unseen_furniture_s: float = parameter(60.0, "`longest_unseen_s` of furniture, seconds", low=0.0)
 
