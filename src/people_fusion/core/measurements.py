@@ -52,9 +52,9 @@ class Sight:
         bearing = bearings(to_point) - self.yaw
         half_angle = np.arctan2(half_width_m, np.maximum(distance, half_width_m))
         angles = bearing[:, None] + half_angle[:, None] * _ACROSS - self.angle_min
-        # Count angles from the scan's first beam in its own direction of turning.
-        turn = 2.0 * np.pi
-        beams = np.rint((angles * np.sign(self.angle_increment) % turn) / abs(self.angle_increment)).astype(int)
+        # Count beams, each half an increment to both sides, from the first one in the scan's own direction of turning.
+        turn = 2.0 * np.pi * np.sign(self.angle_increment) / self.angle_increment
+        beams = np.floor((angles / self.angle_increment + 0.5) % turn).astype(int)
         inside = beams < len(self.ranges)
         reach = self.ranges[np.where(inside, beams, 0)]
         with np.errstate(invalid="ignore"):
