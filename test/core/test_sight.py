@@ -72,3 +72,13 @@ def test_full_circle_has_no_seam(turn):
     sight = Sight(np.zeros(2), 0.0, -turn * np.pi, turn * np.pi / 20, np.full(40, 30.0), 30.0)
     angles = np.linspace(-np.pi, np.pi, 200)
     assert set(visible(sight, 3.0 * np.column_stack([np.cos(angles), np.sin(angles)]))) == {1.0}
+
+
+@pytest.mark.parametrize("turn", [1, -1])
+def test_beam_stands_for_half_an_increment_to_both_sides(turn):
+    ranges = np.full(40, 30.0)
+    ranges[[0, 10]] = 1.0
+    sight = Sight(np.zeros(2), 0.0, 1.0, turn * np.pi / 20, ranges, 30.0)
+    angles = 1.0 + turn * np.pi / 20 * np.array([-0.6, -0.4, 0.4, 0.6, 9.4, 9.6, 10.4, 10.6])
+    points = 3.0 * np.column_stack([np.cos(angles), np.sin(angles)])
+    assert sight.visible(points, 1e-3).tolist() == [1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0]
