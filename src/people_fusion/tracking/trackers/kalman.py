@@ -34,6 +34,7 @@ from people_fusion.filtering.motion_models.near_constant_velocity import NearCon
 from people_fusion.tracking.duplicates import fuse_duplicates
 from people_fusion.tracking.lifecycle import LIFECYCLES, Evidence
 from people_fusion.tracking.lifecycles.bayes import BayesConfig
+from people_fusion.tracking.plausible import plausible
 from people_fusion.tracking.table import SHARED, TrackTable
 from people_fusion.tracking.tracker import TRACKERS, Tracker
 
@@ -129,7 +130,7 @@ class KalmanTracker(Tracker):
 
     def process(self, measurement: Measurement) -> None:
         """See Tracker. The steps are those of Volkhardt's figure 2."""
-        measurement = self._drop_mapped(measurement)
+        measurement = self._drop_mapped(self._drop_implausible(measurement))
         if self.config.duplicates_gate > 0:
             measurement = fuse_duplicates(measurement, self.config.duplicates_gate)
         duration_s, age_s = self._predict(measurement)
@@ -194,6 +195,12 @@ class KalmanTracker(Tracker):
 
     # Steps of `process`, in its order
 
+    def _drop_implausible(self, measurement: Measurement) -> Measurement:
+        kept = plausible(measurement)
+        if len(kept) < len(measurement):
+            self._counts["detections without place or covariance"] += len(measurement) - len(kept)
+        return kept
+
     def _drop_mapped(self, measurement: Measurement) -> Measurement:
         if not self.config.prune_by_map or self._grid is None or len(measurement) == 0:
             return measurement
@@ -201,16 +208,7 @@ class KalmanTracker(Tracker):
         if free.all():
             return measurement
         self._counts["detections in occupied cells"] += int(np.sum(~free))
-        jacobians = measurement.shared_jacobians
-        return dataclasses.replace(
-            measurement,
-            positions=measurement.positions[free],
-            covariances=measurement.covariances[free],
-            confidences=measurement.confidences[free],
-            shared_jacobians=None if jacobians is None else jacobians[free],
-            legs=np.zeros((0, 2)),
-            leg_owners=np.zeros(0, dtype=int),
-        )
+        return measurement.select(free)
 
     def _predict(self, measurement: Measurement) -> Tuple[float, float]:
         """All tracks to the measurement's stamp. Returns the step and by how much the measurement is late, seconds."""
@@ -269,16 +267,9 @@ class KalmanTracker(Tracker):
         before = len(self._state.table)
         matched = np.zeros(before, dtype=bool)
         confidences = likelihoods = np.zeros(before)
-        jacobians = measurement.shared_jacobians
         for row in range(len(measurement)):
-            single = dataclasses.replace(
-                measurement,
-                positions=measurement.positions[row : row + 1],
-                covariances=measurement.covariances[row : row + 1],
-                confidences=measurement.confidences[row : row + 1],
-                shared_jacobians=None if jacobians is None else jacobians[row : row + 1],
-                sequence=measurement.sequence * 1000 + row,
-            )
+            single = measurement.select(np.array([row]))
+            single = dataclasses.replace(single, sequence=measurement.sequence * 1000 + row)
             hit, _, confidence, likelihood = self._update(single, age_s)
             grown = len(hit) - len(matched)
             matched = np.pad(matched, (0, grown)) | hit
@@ -299,6 +290,12 @@ class KalmanTracker(Tracker):
         stopped = verdict.still & ~table.still
         if stopped.any():
             table = self._stop(table, stopped)
+        started = table.still & ~verdict.still
+        if started.any():
+            # It moves after all, nobody knows how fast.
+            anew = np.where(started[:, None, None], self._motion.initial_covariance, 0.0)
+            anew[:, :3] = 0.0
+            table = dataclasses.replace(table, covariances=table.covariances + anew)
         table = dataclasses.replace(
             table,
             still=verdict.still,
