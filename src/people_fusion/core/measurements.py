@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass, field
 from typing import NamedTuple, Optional, Tuple
 
@@ -134,6 +135,20 @@ class Measurement:
 
     def __len__(self) -> int:
         return len(self.positions)
+
+    def select(self, rows: np.ndarray) -> Measurement:
+        """The given detections, by mask or index, without the points and legs that they are made of."""
+        return dataclasses.replace(
+            self,
+            positions=self.positions[rows],
+            covariances=self.covariances[rows],
+            confidences=self.confidences[rows],
+            shared_jacobians=None if self.shared_jacobians is None else self.shared_jacobians[rows],
+            points=np.zeros((0, 2)),
+            point_labels=np.zeros(0, dtype=int),
+            legs=np.zeros((0, 2)),
+            leg_owners=np.zeros(0, dtype=int),
+        )
 
     @property
     def order(self) -> Order:

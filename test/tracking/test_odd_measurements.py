@@ -1,0 +1,82 @@
+"""Measurements that a cue should not have made, and some that it may: the tracks survive all of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+
+import numpy as np
+import pytest
+
+from people_fusion.core.config import parse
+from people_fusion.tracking.fusion import load_config
+from people_fusion.tracking.tracker import TRACKERS
+
+PRESETS = ("default", "poschmann_t1", "volkhardt")
+
+
+@pytest.fixture(params=PRESETS)
+def tracker(request):
+    return TRACKERS.build(load_config(request.param).tracker)
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, 1e300])
+def test_detection_at_no_place_is_left_out_and_the_others_count(tracker, detect, wrong):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for step in range(20):
+            measurement = detect(step * 0.1, (wrong, 0.0), (0.05 * step, 1.0), sequence=step)
+            tracker.process(measurement)
+    tracks = tracker.tracks()
+    assert np.isfinite(tracks.means).all() and np.isfinite(tracks.covariances).all()
+    assert len(tracks) == 1 and tracks.matched.all() and tracks.means[0, 1] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("variance", [np.nan, np.inf, -1.0])
+def test_detection_without_a_covariance_is_left_out_and_counted(tracker, detect, variance):
+    for step in range(20):
+        measurement = detect(step * 0.1, (4.0, 4.0), (0.05 * step, 1.0), sequence=step)
+        covariances = measurement.covariances.copy()
+        covariances[0, 0, 0] = variance
+        tracker.process(dataclasses.replace(measurement, covariances=covariances))
+    tracks = tracker.tracks()
+    assert np.isfinite(tracks.covariances).all() and len(tracks) == 1
+    assert tracker.counters()["detections without place or covariance"] == 20
+
+
+def test_detections_that_claim_to_be_exact_are_tracked(tracker, detect):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for step in range(20):
+            for cue in ("front", "rear"):  # at one stamp
+                tracker.process(detect(step * 0.1, (0.05 * step, 1.0), std=0.0, cue=cue, sequence=step))
+    tracks = tracker.tracks()
+    assert len(tracks) == 1 and tracks.matched.all()
+    assert tracks.means[0, :2] == pytest.approx([0.95, 1.0], abs=1e-3)
+    assert np.linalg.eigvalsh(tracks.covariances).min() >= -1e-12
+
+
+def test_exact_duplicates_are_fused(detect):
+    tracker = TRACKERS.build(load_config("volkhardt").tracker)
+    tracker.process(detect(0.0, (1.0, 1.0), (1.0, 1.0), (2.0, 1.0), std=0.0))
+    assert sorted(tracker.tracks().means[:, 0]) == pytest.approx([1.0, 2.0])
+
+
+def test_nothing_seen_for_a_year_is_no_trouble(tracker, detect):
+    for step in range(20):
+        tracker.process(detect(step * 0.1, (0.05 * step, 1.0), sequence=step))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        tracker.process(detect(365 * 24 * 3600.0, sequence=99))
+    assert len(tracker.tracks()) == 0
+    for step in range(20):
+        tracker.process(detect(365 * 24 * 3600.0 + 1.0 + step * 0.1, (0.05 * step, 1.0), sequence=100 + step))
+    assert len(tracker.tracks()) == 1
+
+
+def test_a_thousand_detections_at_once_are_a_thousand_tracks(detect):
+    tracker = TRACKERS.build(parse(TRACKERS.config_of("kalman", "tracker"), {}))
+    crowd = np.stack(np.meshgrid(np.arange(40.0), np.arange(25.0)), axis=-1).reshape(-1, 2)
+    for step in range(3):
+        tracker.process(detect(step * 0.1, *crowd, sequence=step))
+    assert len(tracker.tracks()) == 1000 and tracker.tracks().matched.all()
