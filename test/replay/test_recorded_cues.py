@@ -65,7 +65,7 @@ def test_recorded_cues_are_heard_as_they_were_recorded(tmp_path, events):
     session, delays, processed = run(tmp_path / "a.bag", events)
     recorded = [item for topic, _, item in events if topic == DETECTIONS_TOPIC]
     assert sorted(session.fusion.buffer.roster.members) == NAMES == sorted(delays)
-    assert session.counters()["recorded measurements"] == len(recorded) > 100
+    assert session.counters()["recorded measurements"] == len(recorded) > 80
     assert processed == sorted(processed) and len(processed) == len(recorded) + session.processed
     arrivals = {item.order: arrival_ns for topic, arrival_ns, item in events if topic == DETECTIONS_TOPIC}
     faces = [to_seconds(arrival - order[0]) for order, arrival in arrivals.items() if order[1] == "emulated_faces"]
