@@ -149,25 +149,24 @@ class KalmanTracker(Tracker):
         table, now = self._state.table, self._state.stamp_ns
         if now is None:
             now = stamp_ns or 0
-        means, covariances = table.means, table.covariances
+        duration_s = 0.0
         if stamp_ns is not None and stamp_ns > now:
-            means, covariances = predict(means, covariances, *self._motion.transition((stamp_ns - now) / 1e9))
-            now = stamp_ns
+            duration_s, now = (stamp_ns - now) / 1e9, stamp_ns
+        means, covariances = self._moved(table, *self._motion.transition(duration_s), duration_s)
         if len(table):
-            covariances = covariances.copy()
             covariances[:, :3, :3] += table.shared_floor
             steps = self.config.gait_s * means[:, 3:5]
             covariances[:, :2, :2] += steps[:, :, None] * steps[:, None, :]
         return Tracks(
             stamp_ns=now,
             frame_id="",
-            ids=table.ids,
+            ids=table.ids.copy(),
             means=means,
             covariances=covariances,
-            existence=table.existence,
-            confirmed=table.confirmed,
-            matched=table.matched,
-            occluded=table.occluded,
+            existence=table.existence.copy(),
+            confirmed=table.confirmed.copy(),
+            matched=table.matched.copy(),
+            occluded=table.occluded.copy(),
             ages_s=(now - table.born_ns) / 1e9,
         )
 
@@ -223,10 +222,7 @@ class KalmanTracker(Tracker):
         table = state.table
         if len(table) and duration_s > 0:
             transition, noise = self._motion.transition(duration_s)
-            means, covariances = predict(table.means, table.covariances, transition, noise)
-            if table.still.any():
-                means[table.still] = table.means[table.still]
-                covariances[table.still] = table.covariances[table.still] + duration_s * self._still_noise
+            means, covariances = self._moved(table, transition, noise, duration_s)
             table = dataclasses.replace(table, means=means, covariances=covariances)
             if self._considers:
                 fading = math.exp(-duration_s / self.config.shared_error_time_s)
@@ -347,6 +343,16 @@ class KalmanTracker(Tracker):
             self._state = dataclasses.replace(self._state, table=table.select(free))
 
     # Parts of the steps
+
+    def _moved(
+        self, table: TrackTable, transition: np.ndarray, noise: np.ndarray, duration_s: float
+    ) -> Tuple[np.ndarray, np.ndarray]:
+        """New means and covariances after a step: people move by the motion model, furniture stays."""
+        means, covariances = predict(table.means, table.covariances, transition, noise)
+        if table.still.any():
+            means[table.still] = table.means[table.still]
+            covariances[table.still] = table.covariances[table.still] + duration_s * self._still_noise
+        return means, covariances
 
     @property
     def _now(self) -> int:
