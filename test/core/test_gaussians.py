@@ -85,3 +85,26 @@ def test_what_is_no_covariance_is_refused_by_name(covariance, reason):
     with pytest.raises(DataError, match="pose covariance.*" + reason) as caught:
         checked_covariance(np.array(covariance), "pose covariance")
     assert reason in caught.value.reason
+
+
+@pytest.mark.parametrize("unknown", [1.0, 1e6, 1e9])
+def test_axis_that_is_unknown_hides_no_nonsense_on_the_others(unknown):
+    covariance = np.diag([0.01, 0.01, unknown])
+    np.testing.assert_array_equal(checked_covariance(covariance), covariance)
+    for asymmetric, reason in ((0.05, "indefinite"), (0.0, "not symmetric")):
+        wrong = covariance.copy()
+        wrong[0, 1], wrong[1, 0] = 0.05, asymmetric
+        with pytest.raises(DataError, match=reason):
+            checked_covariance(wrong)
+        with pytest.raises(DataError, match=reason):
+            checked_covariance(np.array([covariance, wrong]))
+
+
+@given(seeds)
+def test_covariance_of_the_plane_is_one_however_it_is_turned(seed):
+    rng = np.random.default_rng(seed)
+    flat = np.zeros((6, 6))
+    flat[np.ix_([0, 1, 5], [0, 1, 5])] = random_covariance(rng, size=3)
+    for turn in (rng.normal(0.0, 1e-9, (6, 6)), rng.normal(size=(6, 6))):
+        turned = (np.eye(6) + turn) @ flat @ (np.eye(6) + turn).T
+        np.testing.assert_allclose(checked_covariance(turned), turned, atol=1e-9)

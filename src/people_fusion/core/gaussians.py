@@ -65,11 +65,13 @@ def checked_covariance(covariance: np.ndarray, what: str = "covariance") -> np.n
     diagonal = np.diagonal(covariance, axis1=-2, axis2=-1)
     if (diagonal < 0.0).any():
         raise DataError(f"{what} has a negative variance", f"{diagonal.min():g}")
-    transposed = np.swapaxes(covariance, -1, -2)
-    tolerance = 1e-6 * diagonal.max(initial=0.0)
-    if (np.abs(covariance - transposed) > tolerance).any():
+    # By correlations, as axes may be of other units or unknown; what is a million times smaller is round-off.
+    stds = np.sqrt(diagonal)
+    scale = np.maximum(stds, 1e-6 * stds.max(axis=-1, initial=0.0, keepdims=True))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    correlations = covariance / (scale[..., :, None] * scale[..., None, :])
+    if (np.abs(correlations - np.swapaxes(correlations, -1, -2)) > 1e-6).any():
         raise DataError(f"{what} is not symmetric")
-    symmetric = 0.5 * (covariance + transposed)
-    if (np.linalg.eigvalsh(symmetric) < -tolerance).any():
+    if (np.linalg.eigvalsh(correlations) < -1e-6).any():
         raise DataError(f"{what} is indefinite")
-    return symmetric
+    return 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
