@@ -1,5 +1,7 @@
 """All motion models against numeric integration and their own semigroup property."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -62,3 +64,13 @@ def test_damped_velocity_forgets_its_velocity_but_not_its_spread():
     transition, noise = model.transition(30.0)
     assert abs(transition[3, 3]) < 1e-12
     assert noise[3, 3] == pytest.approx(0.7**2)
+
+
+@pytest.mark.parametrize("duration", np.geomspace(1e-6, 3.0, 60).tolist())
+def test_damped_velocity_is_exact_at_any_step(duration):
+    """Position variance against its power series, where that converges quickly, and the closed form elsewhere."""
+    tau, speed = 1.5, 0.7
+    noise = DampedVelocity(DampedVelocityConfig(time_constant_s=tau, speed_std=speed)).transition(duration)[1]
+    u = duration / tau
+    terms = [(-u) ** k * (4.0 - 2.0**k) / math.factorial(k) for k in range(3, 60)]
+    assert noise[0, 0] == pytest.approx(speed**2 * tau**2 * math.fsum(terms), rel=1e-8)

@@ -46,10 +46,10 @@ class DampedVelocity(MotionModel):
         F[0, 3] = F[1, 4] = way
         F[3, 3] = F[4, 4] = decay
         Q = np.zeros((5, 5))
-        # Closed form loses all digits for d << tau; its third-order series is then exact to 1e-9 of the value.
-        position = (
-            variance * (2 * tau * d - 2 * tau * way - way**2) if d > 1e-3 * tau else 2 * variance * d**3 / (3 * tau)
-        )
+        # The closed form loses all digits for d << tau; there its series is exact to 1e-9 of the value.
+        u = d / tau
+        closed = 2 * u - 2 * way / tau - (way / tau) ** 2 if u > 2e-3 else u**3 * (2 / 3 - u / 2 + 7 / 30 * u**2)
+        position = variance * tau**2 * closed
         Q[0, 0] = Q[1, 1] = position
         Q[0, 3] = Q[3, 0] = Q[1, 4] = Q[4, 1] = variance * way**2 / tau
         Q[3, 3] = Q[4, 4] = variance * (1 - decay**2)
