@@ -61,7 +61,7 @@ def test_annotated_people_are_found_where_they_are_annotated(recordings: Path) -
     assert outcome.evaluation is not None
     scores = outcome.evaluation.scores.clear_mot
     assert scores.ground_truth_count > 30 and scores.frames > 25
-    assert scores.recall is not None and scores.recall > 0.4
+    assert scores.recall is not None and scores.recall > 0.3
     assert scores.motp_m is not None and scores.motp_m < 0.2
 
 

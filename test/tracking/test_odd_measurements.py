@@ -80,3 +80,35 @@ def test_a_thousand_detections_at_once_are_a_thousand_tracks(detect):
     for step in range(3):
         tracker.process(detect(step * 0.1, *crowd, sequence=step))
     assert len(tracker.tracks()) == 1000 and tracker.tracks().matched.all()
+
+
+def test_measurements_that_call_themselves_the_same_begin_tracks_of_their_own(tracker, detect):
+    """A cue that numbers nothing and stamps two messages alike."""
+    for place in ((0.0, 0.0), (5.0, 0.0), (0.0, 5.0)):
+        tracker.process(detect(1.0, place))
+    assert len(set(tracker.tracks().ids.tolist())) == 3
+
+
+def test_reprocessing_gives_such_measurements_their_identities_again(tracker, detect):
+    before = tracker.snapshot()
+    tracks = []
+    for _ in range(2):
+        tracker.restore(before)
+        for place in ((0.0, 0.0), (5.0, 0.0), (0.0, 5.0)):
+            tracker.process(detect(1.0, place))
+        tracks.append(tracker.tracks().ids.tolist())
+    assert tracks[0] == tracks[1]
+
+
+@pytest.mark.parametrize("height_std", [0.3, 1.0, 1000.0])
+def test_height_that_is_hardly_known_does_not_speak_against_a_person(detect, height_std):
+    """A detection with a height of no use is worth as much as one without."""
+    lifecycle = {"type": "bayes", "end_below": 0.0}
+    given, none = (TRACKERS.build(parse(TRACKERS.config_of("kalman", "t"), {"lifecycle": lifecycle})) for _ in range(2))
+    for step in range(10):
+        measurement = detect(0.1 * step, (0.05 * step, 0.0), std=0.2, sequence=step)
+        none.process(measurement)
+        covariances = measurement.covariances + np.diag([0.0, 0.0, height_std**2])
+        given.process(dataclasses.replace(measurement, covariances=covariances, observed=(True, True, True)))
+    assert len(given.tracks()) == 1
+    assert given.tracks().existence == pytest.approx(none.tracks().existence, abs=1e-9)

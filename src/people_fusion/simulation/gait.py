@@ -19,6 +19,7 @@ class GaitConfig:
     step_length: float = parameter(0.6, "at 1 m/s; it grows with the root of the speed", low=0.1, high=1.0)
     shortest_step_s: float = parameter(0.45, "time from one foot's start to the other's, at least", low=0.2)
     longest_step_s: float = parameter(0.9, "the same, at most", low=0.2)
+    swing_speed: float = parameter(8.0, "of a foot in the air, at most, also of who is jostled", low=1.0)
     swing_share: float = parameter(0.8, "share of the step time in which a foot is in the air", low=0.3, high=0.95)
     patience: float = parameter(0.07, "how far a foot may be from where it should stand before it steps", low=0.01)
     laser_height: float = parameter(0.385, "where the scanners cut the legs", low=0.05, high=0.8)
@@ -61,7 +62,9 @@ class Gait:
         goal = hips[moving, foot] + velocities[moving] * lead[:, None]
         progress = np.clip(self._elapsed[moving] / self._duration[moving], 0.0, 1.0)[:, None]
         smooth = progress**3 * (10.0 - 15.0 * progress + 6.0 * progress**2)  # minimum jerk
-        self.feet[moving, foot] = self._lifted_from[moving] + smooth * (goal - self._lifted_from[moving])
+        shift = self._lifted_from[moving] + smooth * (goal - self._lifted_from[moving]) - self.feet[moving, foot]
+        length = np.linalg.norm(shift, axis=1, keepdims=True)
+        self.feet[moving, foot] += shift * np.minimum(1.0, config.swing_speed * dt / np.maximum(length, 1e-9))
         self._swinging[moving[progress[:, 0] >= 1.0]] = -1
 
         lag = hips - self.feet

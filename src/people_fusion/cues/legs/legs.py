@@ -89,7 +89,7 @@ class LegCueConfig:
     single_confidence: float = parameter(1.0, "that a single leg is a person; the paper makes no difference", 0.0, 1.0)
     model: str = parameter("", "what legs look like: a model in config/models, or a JSON file; empty: no vote on that")
     mapped_belief: float = parameter(0.9, "most that is believed before that vote where the map is silent", 0.0, 1.0)
-    unmapped_belief: float = parameter(0.5, "... and where there is no map that could", 0.0, 1.0)
+    unmapped_belief: float = parameter(0.7, "... and where there is no map that could", 0.0, 1.0)
 
     def __post_init__(self) -> None:
         if self.leg_diameter > self.group_gap:

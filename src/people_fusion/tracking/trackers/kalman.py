@@ -7,6 +7,7 @@ that of Volkhardt 2013, III-C.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections import Counter, OrderedDict
 from dataclasses import dataclass
@@ -118,7 +119,7 @@ class KalmanTracker(Tracker):
         self._still_noise[[0, 1], [0, 1]] = config.still_std**2
         self._considers = config.shared_error == "consider"
         self._state = self._initial_state()
-        self._identities: OrderedDict[Tuple[int, str, int, int], int] = OrderedDict()
+        self._identities: OrderedDict[Tuple[int, str, int, int, int], int] = OrderedDict()
         self._next_id = 1
         self._grid: Optional[OccupancyGrid] = None
         self._counts: Counter = Counter()
@@ -244,8 +245,7 @@ class KalmanTracker(Tracker):
         matched, confidences, likelihoods = np.zeros(count, dtype=bool), np.zeros(count), np.zeros(count)
         matched[pairs.tracks] = True
         confidences[pairs.tracks] = measurement.confidences[pairs.detections]
-        determinants = np.linalg.det(2 * np.pi * pairs.covariances)
-        likelihoods[pairs.tracks] = -0.5 * (pairs.distances + np.log(determinants))
+        likelihoods[pairs.tracks] = -0.5 * (pairs.distances + _log_area(pairs.covariances) + 2 * math.log(2 * math.pi))
 
         born = self._born(measurement, table, pairs, age_s)
         self._state = dataclasses.replace(self._state, table=table.append(born) if len(born) else table)
@@ -423,7 +423,7 @@ class KalmanTracker(Tracker):
         if self.config.cost == "likelihood":
             # A track that hardly exists makes a detection no likelier: -2 log of N(innovation; 0, S) times existence.
             existence = np.maximum(table.existence[tracks[inside]], 1e-3)
-            costs = distances[inside] + np.log(np.linalg.det(covariances[inside])) - 2 * np.log(existence)
+            costs = distances[inside] + _log_area(covariances[inside]) - 2 * np.log(existence)
             costs = costs - self.config.unlikely_cost
         else:
             costs = distances[inside] - self.config.gate
@@ -500,7 +500,7 @@ class KalmanTracker(Tracker):
             means, covariances = predict(means, covariances, transition, noise)
         stamps = np.full(count, measurement.stamp_ns, dtype=np.int64)
         return TrackTable(
-            ids=np.array([self._identity(measurement, int(row)) for row in rows], dtype=np.int64),
+            ids=np.array([self._identity(measurement, row, table.ids) for row in rows.tolist()], dtype=np.int64),
             means=means,
             covariances=covariances,
             shared_cross=cross,
@@ -517,14 +517,17 @@ class KalmanTracker(Tracker):
             resting_since_ns=stamps,
         )
 
-    def _identity(self, measurement: Measurement, row: int) -> int:
+    def _identity(self, measurement: Measurement, row: int, used: np.ndarray) -> int:
         """The same detection starts the same identity, however often it is reprocessed."""
-        key = (*measurement.order, row)
-        if key not in self._identities:
-            self._identities[key] = self._next_id
-            self._next_id += 1
-            if len(self._identities) > IDENTITIES_REMEMBERED:
-                self._identities.popitem(last=False)
+        for again in itertools.count():  # a cue that numbers nothing may stamp two messages alike
+            key = (*measurement.order, row, again)
+            if key not in self._identities:
+                self._identities[key] = self._next_id
+                self._next_id += 1
+                if len(self._identities) > IDENTITIES_REMEMBERED:
+                    self._identities.popitem(last=False)
+            if self._identities[key] not in used:
+                break
         return self._identities[key]
 
     def _visible(self, measurement: Measurement) -> np.ndarray:
@@ -568,3 +571,8 @@ def _with_rows(array: np.ndarray, rows: np.ndarray, values: np.ndarray) -> np.nd
     array = array.copy()
     array[rows] = values
     return array
+
+
+def _log_area(covariances: np.ndarray) -> np.ndarray:
+    """(...) log |S| on the ground: false detections are counted by area, so no height makes one likelier or not."""
+    return np.log(np.linalg.det(covariances[..., :2, :2]))
