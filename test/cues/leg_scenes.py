@@ -45,10 +45,11 @@ def scan_with(ranges, **fields):
 
 
 class Motion(TransformSource):
-    """A scanner that drives and turns evenly in every other frame, known up to `until_ns`."""
+    """A scanner that drives and turns evenly in every other frame, known from `since_ns` to `until_ns`."""
 
-    def __init__(self, velocity=(0.0, 0.0), turn=0.0, start=(0.0, 0.0, 0.0), until_ns=10**18):
-        self.velocity, self.turn, self.start, self.until_ns = velocity, turn, start, until_ns
+    def __init__(self, velocity=(0.0, 0.0), turn=0.0, start=(0.0, 0.0, 0.0), since_ns=0, until_ns=10**18):
+        self.velocity, self.turn, self.start = velocity, turn, start
+        self.since_ns, self.until_ns = since_ns, until_ns
         self.asked = []
 
     def pose(self, stamp_ns):
@@ -60,6 +61,8 @@ class Motion(TransformSource):
         self.asked.append((target_frame, source_frame, stamp_ns))
         if stamp_ns > self.until_ns:
             raise TransformUnavailable(f"{target_frame} from {source_frame} is not known yet", may_arrive=True)
+        if stamp_ns < self.since_ns:
+            raise TransformUnavailable(f"{target_frame} from {source_frame} is forgotten", may_arrive=False)
         return self.pose(stamp_ns)
 
 

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from leg_scenes import LEG_RADIUS, SECOND, Motion, scan_in_motion, scan_of, scan_with
 
@@ -15,6 +15,7 @@ from people_fusion.core.config import parse
 from people_fusion.core.errors import ConfigError, DataError, TransformUnavailable
 from people_fusion.core.grids import OccupancyGrid
 from people_fusion.core.poses import Pose
+from people_fusion.core.stamps import from_seconds
 from people_fusion.core.transforms import FramesConfig
 from people_fusion.cues.legs.legs import ARC_DEPTH, LegCue, LegCueConfig
 
@@ -219,9 +220,25 @@ def test_cue_asks_for_the_transforms_that_it_says_it_needs(odom):
     scan = scan_in_motion(motion, [(2.0, 0.0)])
     needed = legs.transforms_needed(scan)
     legs.measure(scan, motion)
-    assert set(motion.asked) == set(needed) and len(needed) == 3
-    assert {request.target_frame for request in needed} == {"map", odom or "map"}
-    assert max(request.stamp_ns for request in needed) == scan.stamp_ns + SECOND // 10
+    on_map, newest = needed
+    before = newest._replace(stamp_ns=newest.stamp_ns - SECOND // 10)  # known where a newer one is
+    assert set(motion.asked) == {on_map, newest, before}
+    assert (on_map.target_frame, newest.target_frame) == ("map", odom or "map")
+    assert newest.stamp_ns == scan.stamp_ns + 60 * SECOND // 1000
+
+
+@pytest.mark.parametrize("lag_s, newest_s", [(0.04, 0.0), (0.02, 0.01), (0.0, 0.03)])
+def test_motion_during_a_short_sweep_is_that_of_just_before_so_that_nobody_waits_for_odometry(lag_s, newest_s):
+    scan = scan_with([2.0] * 31, time_increment=0.001)
+    (newest,) = cue(deskew_lag_s=lag_s).transforms_needed(scan)
+    assert newest.stamp_ns - scan.stamp_ns == from_seconds(newest_s)
+
+
+def test_first_scan_of_a_recording_is_taken_as_it_is():
+    motion = Motion(velocity=(1.5, 0.5), turn=1.5, since_ns=5 * SECOND)
+    scan = scan_in_motion(motion, [(3.0, -0.5), (3.0, -0.25)])
+    first = cue(deskew_lag_s=0.1).measure(scan, motion)
+    np.testing.assert_array_equal(first.positions, cue(deskew=False).measure(scan, motion).positions)
 
 
 def test_standing_scan_needs_no_transform():
@@ -254,6 +271,11 @@ def test_sequence_orders_measurements_of_one_stamp():
     assert first.order < second.order
 
 
+def without_ties(scan):
+    """The scan with ranges off by micrometres: where distances tie to the last bit, linkage has several solutions."""
+    return dataclasses.replace(scan, ranges=scan.ranges + np.random.default_rng(0).normal(0.0, 1e-6, len(scan.ranges)))
+
+
 @settings(max_examples=40, deadline=None)
 @given(
     st.lists(st.tuples(st.floats(0.6, 4.0), st.floats(-2.0, 2.0)), min_size=1, max_size=10),
@@ -262,7 +284,7 @@ def test_sequence_orders_measurements_of_one_stamp():
 )
 def test_turned_scanner_sees_the_same_people_turned(places, turn, limits):
     legs = [(distance * math.cos(angle), distance * math.sin(angle)) for distance, angle in places]
-    scan = scan_of(legs)
+    scan = without_ties(scan_of(legs))
     turned = dataclasses.replace(scan, angle_min=scan.angle_min + turn)
     parameters = WITHOUT_MAP if limits else {}
     before, after = (cue(**parameters).measure(each, None) for each in (scan, turned))
@@ -273,9 +295,10 @@ def test_turned_scanner_sees_the_same_people_turned(places, turn, limits):
 
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(st.floats(0.6, 4.0), st.floats(-2.0, 2.0)), min_size=1, max_size=10))
+@example([(0.6796875, 0.19984273334020886), (0.62109375, 0.0)])
 def test_scanner_upside_down_sees_the_same_people(places):
     legs = [(distance * math.cos(angle), distance * math.sin(angle)) for distance, angle in places]
-    scan = scan_of(legs)
+    scan = without_ties(scan_of(legs))
     flipped = dataclasses.replace(
         scan, ranges=scan.ranges[::-1], angle_min=scan.angles[-1], angle_increment=-scan.angle_increment
     )

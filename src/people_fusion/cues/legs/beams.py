@@ -93,8 +93,8 @@ def straighten(points: np.ndarray, fractions: np.ndarray, first: Pose, last: Pos
     Args:
         points: (N, 2) each in the scanner's frame at the instant of its own beam.
         fractions: (N,) that instant, 0 at the first beam, 1 at the last.
-        first: fixed_from_scanner at the first beam.
-        last: fixed_from_scanner at the last beam.
+        first: fixed_from_scanner at the first beam, or at another instant,
+        last: and as long after it as the last beam after the first; only the motion between both counts.
 
     Returns:
         (N, 2) metres; what leaves the plane when the scanner tilts meanwhile is dropped.

@@ -12,11 +12,11 @@ from scipy.special import expit, logit
 
 from people_fusion.core.angles import bearings
 from people_fusion.core.config import parameter
-from people_fusion.core.errors import ConfigError
+from people_fusion.core.errors import ConfigError, TransformUnavailable
 from people_fusion.core.grids import OCCUPIED_THRESHOLD, ROUND_OFF, OccupancyGrid
 from people_fusion.core.measurements import PERSON_DEPTH_M, XY_OBSERVED, Measurement, Sight
 from people_fusion.core.scans import Scan
-from people_fusion.core.stamps import to_seconds
+from people_fusion.core.stamps import from_seconds, to_seconds
 from people_fusion.core.transforms import FramesConfig, TransformSource
 from people_fusion.cues.cue import CUES, Cue, TransformRequest
 from people_fusion.cues.legs import beams, clusters, map_fit, shapes
@@ -37,6 +37,9 @@ class LegCueConfig:
     """The leg cue; the defaults are the paper's, what goes beyond it is off."""
 
     deskew: bool = parameter(True, "project each beam with the pose of its own instant where `time_increment` is given")
+    deskew_lag_s: float = parameter(
+        0.04, "motion during the sweep is that of so long before, so that no scan waits for odometry, seconds", 0.0, 1.0
+    )
     map_fit: bool = parameter(False, "correct the pose by what is seen of the map before telling what the map explains")
     map_dilation: float = parameter(0.2, "what is this close to an obstacle of the map is background, metres", 0.0, 2.0)
     map_doubt: float = parameter(0.0, "legs this close to an obstacle of the map may be part of it, metres", 0.0, 2.0)
@@ -144,12 +147,8 @@ class LegCue(Cue):
         needed = []
         if self._grid is not None:
             needed.append(TransformRequest(self._grid.frame_id, data.frame_id, data.stamp_ns))
-        duration_ns = beams.duration_ns(data)
-        if self.config.deskew and duration_ns:
-            fixed = self.frames.odom or self.frames.world
-            needed.append(TransformRequest(fixed, data.frame_id, data.stamp_ns))
-            needed.append(TransformRequest(fixed, data.frame_id, data.stamp_ns + duration_ns))
-        return tuple(needed)
+        newest = self._newest_motion(data)
+        return (*needed, newest) if newest else tuple(needed)
 
     def measure(self, data: Scan, transforms: Optional[TransformSource]) -> Measurement:
         ranges = beams.check(data)
@@ -177,6 +176,30 @@ class LegCue(Cue):
             leg_owners=owners,
         )
 
+    def _newest_motion(self, scan: Scan) -> Optional[TransformRequest]:
+        """The newest pose that tells how the scanner moves during the sweep; None where that counts for nothing."""
+        duration_ns = beams.duration_ns(scan)
+        if not (self.config.deskew and duration_ns):
+            return None
+        newest_ns = scan.stamp_ns + max(duration_ns - from_seconds(self.config.deskew_lag_s), 0)
+        return TransformRequest(self.frames.odom or self.frames.world, scan.frame_id, newest_ns)
+
+    def _straightened(
+        self, points: np.ndarray, fractions: np.ndarray, scan: Scan, transforms: TransformSource
+    ) -> np.ndarray:
+        """Points (N, 2) where they would have been seen at the scan's stamp; fractions (N,) of the sweep."""
+        newest = self._newest_motion(scan)
+        if newest is None:
+            return points
+        last = transforms.lookup(*newest)
+        try:
+            first = transforms.lookup(*newest._replace(stamp_ns=newest.stamp_ns - beams.duration_ns(scan)))
+        except TransformUnavailable as unavailable:
+            if unavailable.may_arrive:
+                raise
+            return points  # nothing is known of the motion before a recording's first transform
+        return beams.straighten(points, fractions, first, last)
+
     def _points(
         self, scan: Scan, ranges: np.ndarray, transforms: Optional[TransformSource]
     ) -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -188,12 +211,7 @@ class LegCue(Cue):
         doubtful = np.zeros(len(points), dtype=bool)
         if transforms is None:
             return points, hits, background, doubtful
-        duration_ns = beams.duration_ns(scan)
-        if self.config.deskew and duration_ns:
-            fixed = self.frames.odom or self.frames.world
-            first = transforms.lookup(fixed, scan.frame_id, scan.stamp_ns)
-            last = transforms.lookup(fixed, scan.frame_id, scan.stamp_ns + duration_ns)
-            points = beams.straighten(points, hits / (len(ranges) - 1), first, last)
+        points = self._straightened(points, hits / (len(ranges) - 1), scan, transforms)
         if self._grid is not None:
             map_from_sensor = transforms.lookup(self._grid.frame_id, scan.frame_id, scan.stamp_ns)
             points_map = map_from_sensor.apply(np.column_stack([points, np.zeros(len(points))]))[:, :2]
