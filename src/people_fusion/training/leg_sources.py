@@ -6,9 +6,10 @@ A recipe names them; it is kept with the model that was learned from them.
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Dict, Iterator, List, NamedTuple, Optional, Tuple
+from typing import Dict, Iterable, Iterator, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -39,6 +40,9 @@ class SourceConfig:
     bag: str = parameter("", "ROS 1 bag, relative to the data folder")
     scans: str = parameter("", "its topic of sensor_msgs/LaserScan")
     legs: str = parameter("", "its topic of geometry_msgs/PoseArray, one message a scan; empty: nothing is a leg")
+    beyond: float = parameter(
+        math.inf, "what is farther than this from all labels is no leg, metres; .inf: not everybody is labelled", 0.2
+    )
     csv: str = parameter("", "folder of csv files, one a scan: angle, range (0: none), 1 where it is a leg")
     scenario: str = parameter("", "name or file of a simulated scenario")
     scanner_topic: str = parameter("", "which of the scenario's scanners; empty: the first")
@@ -68,6 +72,9 @@ class RecipeConfig:
 
     sources: Dict[str, SourceConfig] = parameter({}, "recordings by name")
     split: SplitConfig = section(SplitConfig, "one experiment that is told in detail")
+    environments: Dict[str, SplitConfig] = parameter(
+        {}, "the paper's experiments, with and without motion: in all of their sources the scanner stands"
+    )
     features: Tuple[str, ...] = parameter(TRANSFERABLE, "what may be looked at")
     rounds: int = parameter(300, "of boosting", low=1, high=10_000)
     jump: float = parameter(0.12, "segmentation, metres", low=0.001)
@@ -78,16 +85,26 @@ class RecipeConfig:
         unknown = set(self.features) - set(NAMES)
         if unknown:
             raise ConfigError(f"features: unknown {', '.join(sorted(unknown))}; there are {', '.join(NAMES)}")
-        missing = {*self.split.train, *self.split.test} - set(self.sources)
-        if missing:
-            raise ConfigError(f"split: no source is named {', '.join(sorted(missing))}")
+        for name, split in [("split", self.split), *self.environments.items()]:
+            missing = {*split.train, *split.test} - set(self.sources)
+            if missing:
+                raise ConfigError(f"{name}: no source is named {', '.join(sorted(missing))}")
+        for name, split in self.environments.items():
+            if not split.train or not split.test:
+                raise ConfigError(f"environments/{name}: needs sources to learn from and others to be tested on")
 
 
 class Examples(NamedTuple):
-    """N segments that somebody has judged: features (N, F) and whether they are a leg (N,)."""
+    """N segments that somebody has judged: features (N, F), whether they are a leg (N,), and how far that of its beams
+    moved that moved the most since the scan before (N,), metres, NaN where there was none."""
 
     values: np.ndarray
     labels: np.ndarray
+    moved: np.ndarray
+
+    def select(self, rows: np.ndarray) -> Examples:
+        """Those of a mask or of row numbers."""
+        return Examples(self.values[rows], self.labels[rows], self.moved[rows])
 
 
 class _Labelled(NamedTuple):
@@ -113,7 +130,8 @@ def load_recipe(path: Path) -> RecipeConfig:
 def examples(source: SourceConfig, recipe: RecipeConfig, data: Path) -> Examples:
     """All judged segments of one source.
 
-    Where legs are labelled by position only, segments beside them may be legs too and are left out.
+    Where legs are labelled by position only, segments beside them may be legs too and are left out, unless the source
+    says how far from them nothing is one.
 
     Raises:
         RecordingError: a file is missing or damaged.
@@ -121,30 +139,37 @@ def examples(source: SourceConfig, recipe: RecipeConfig, data: Path) -> Examples
     """
     values: List[np.ndarray] = [np.zeros((0, len(NAMES)))]
     labels: List[np.ndarray] = [np.zeros(0, dtype=bool)]
+    moved: List[np.ndarray] = [np.zeros(0)]
     for stride in source.strides:
         previous: Optional[Scan] = None
         for number, entry in enumerate(_labelled(source, data)):
             scan = _thinned(entry.scan, stride)
             if number % source.every == 0:
                 found = segment(scan, scan.ranges, recipe.jump, recipe.jump_beams)
-                judged, is_leg = _judge(found, entry, stride)
+                judged, is_leg = _judge(found, entry, stride, source.beyond)
                 judged &= found.counts >= MIN_POINTS
-                values.append(_features(found, scan, previous)[judged])
+                values_of_all, moved_of_all = _features(found, scan, previous)
+                values.append(values_of_all[judged])
                 labels.append(is_leg[judged])
+                moved.append(moved_of_all[judged])
             previous = scan
-    return Examples(np.concatenate(values), np.concatenate(labels))
+    return Examples(np.concatenate(values), np.concatenate(labels), np.concatenate(moved))
 
 
-def _features(found: Segments, scan: Scan, previous: Optional[Scan]) -> np.ndarray:
-    if previous is None or len(previous.ranges) != len(scan.ranges):
-        return features(found)
+def _features(found: Segments, scan: Scan, previous: Optional[Scan]) -> Tuple[np.ndarray, np.ndarray]:
+    """Features (S, F) and the largest motion of a beam (S,), metres."""
+    unknown = np.full(len(found), np.nan)
+    if previous is None or len(previous.ranges) != len(scan.ranges) or not len(found):
+        return features(found), unknown
     elapsed_s = to_seconds(scan.stamp_ns - previous.stamp_ns)
     if not 0.0 < elapsed_s < PREVIOUS_S:
-        return features(found)
-    return features(found, previous.ranges, scan.ranges, elapsed_s)
+        return features(found), unknown
+    motion = np.nan_to_num(np.abs(scan.ranges - previous.ranges)[found.beams])
+    moved = np.maximum.reduceat(motion, found.starts)
+    return features(found, previous.ranges, scan.ranges, elapsed_s), moved
 
 
-def _judge(found: Segments, entry: _Labelled, stride: int) -> Tuple[np.ndarray, np.ndarray]:
+def _judge(found: Segments, entry: _Labelled, stride: int, beyond: float) -> Tuple[np.ndarray, np.ndarray]:
     """Which segments (S,) somebody has judged, and which of them are legs."""
     everything, nothing = np.ones(len(found), dtype=bool), np.zeros(len(found), dtype=bool)
     if entry.beams is not None:
@@ -152,12 +177,13 @@ def _judge(found: Segments, entry: _Labelled, stride: int) -> Tuple[np.ndarray, 
         return (share > 0.8) | (share < 0.2), share > 0.5
     if entry.positions is None:
         return everything, nothing
-    is_leg = nothing.copy()
+    is_leg, is_far = nothing.copy(), np.full(len(found), math.isfinite(beyond))
     if len(found) and len(entry.positions):
         apart = np.hypot(*(found.centres[:, None] - entry.positions[None]).transpose(2, 0, 1))
         nearest = np.argmin(apart, axis=0)
         is_leg[nearest[apart.min(axis=0) < SAME_LEG_M]] = True
-    return is_leg, is_leg
+        is_far &= apart.min(axis=1) > beyond
+    return is_leg | is_far, is_leg
 
 
 def _thinned(scan: Scan, stride: int) -> Scan:
@@ -222,6 +248,13 @@ def _valid(scan: Scan) -> Scan:
     return dataclasses.replace(
         scan, ranges=np.where(beams.hits(ranges, scan.range_min, scan.range_max), ranges, np.nan)
     )
+
+
+def joined(entries: Iterable[Examples]) -> Examples:
+    """Examples of several sources as one."""
+    several = list(entries)
+    values, labels, moved = (np.concatenate(column) for column in zip(*several))
+    return Examples(values, labels, moved)
 
 
 def columns(names: Tuple[str, ...]) -> np.ndarray:

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Tuple
 
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from scipy.optimize import minimize
-from scipy.stats import rankdata
 
-from people_fusion.core.errors import ConfigError
+from people_fusion.core.errors import ConfigError, RecordingError
 from people_fusion.cues.legs.adaboost import Stumps, adaboost
 from people_fusion.cues.legs.classifier import LegModel
-from people_fusion.cues.legs.features import NAMES, PAPER
-from people_fusion.evaluation.tables import UNDEFINED, Table
+from people_fusion.evaluation.tables import Table
 from people_fusion.replay.results import guarded, settings, write_json
 from people_fusion.training.leg_plots import plot_roc
 from people_fusion.training.leg_sources import (
@@ -25,18 +23,21 @@ from people_fusion.training.leg_sources import (
     RecipeConfig,
     columns,
     examples,
+    joined,
     load_recipe,
 )
+from people_fusion.training.leg_trials import (
+    Trial,
+    confusion_table,
+    error_table,
+    feature_table,
+    heuristic,
+    roc,
+    summary,
+)
+from people_fusion.training.paper_tables import PAPER_ROUNDS, paper_tables, places
 
-PAPER_ROUNDS = 10  # Arras et al. 2012, 2.3
-BEST = 5  # features that are named, as in table 6
-
-
-class Trial(NamedTuple):
-    """A classifier's scores (N,) of examples that it has not seen, and what they are (N,)."""
-
-    scores: np.ndarray
-    labels: np.ndarray
+Titled = Tuple[str, Table]
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
@@ -63,13 +64,27 @@ def run(options: argparse.Namespace, notes: Console) -> None:
             progress.advance(read)
     result: Dict[str, Any] = {"sources": _counts(sources)}
     curves: Dict[str, Trial] = {}
+    tables: List[Titled] = []
     if recipe.split.train and recipe.split.test:
-        curves.update(_experiment(recipe, sources, notes))
-        result["split"] = {name: summary(trial) for name, trial in curves.items()}
+        told, trials = _experiment(recipe, sources, notes)
+        result["split"] = {name: summary(trial) for name, trial in trials.items()}
+        tables += told
+        curves.update(trials)
+    if recipe.environments:
+        told, trials = _paper(recipe, sources, notes)
+        result["paper"] = {name: summary(trial) for name, trial in trials.items()}
+        tables += told
+        curves.update(trials)
     if options.transfer:
-        moved = _transfer(recipe, sources, notes)
-        result["transfer"] = {name: summary(trial) for name, trial in moved.items()}
-        curves.update({f"new scanner: {name}": trial for name, trial in moved.items()})
+        trials = _transfer(recipe, sources, notes)
+        result["transfer"] = {name: summary(trial) for name, trial in trials.items()}
+        tables.append(("Learned from all scanners but the one that it is tested on", error_table(trials)))
+        curves.update({f"new scanner: {name}": trial for name, trial in trials.items()})
+    for title, table in tables:
+        print(f"{title}\n\n{table.as_text()}\n")
+    if options.tables is not None:
+        _write(options.tables, "".join(f"\n## {title}\n\n{table.as_markdown()}\n" for title, table in tables)[1:])
+        print(options.tables)
     if options.out is not None:
         model = learn(recipe, sources, _provenance(options, recipe, sources), notes)
         model.save(options.out)
@@ -115,80 +130,43 @@ def calibrate(scores: np.ndarray, labels: np.ndarray, prior: float) -> Tuple[flo
     return float(found.x[0]), float(found.x[1])
 
 
-def joined(entries: Iterable[Examples]) -> Examples:
-    """Examples of several sources as one."""
-    several = list(entries)
-    return Examples(np.concatenate([e.values for e in several]), np.concatenate([e.labels for e in several]))
-
-
-def area(trial: Trial) -> float:
-    """Area under the ROC curve: how often a leg scores higher than what is none; NaN without both."""
-    positives, negatives = int(trial.labels.sum()), int((~trial.labels).sum())
-    if not positives or not negatives:
-        return float("nan")
-    ranks = rankdata(trial.scores)
-    return float((ranks[trial.labels].sum() - positives * (positives + 1) / 2) / (positives * negatives))
-
-
-def roc(trial: Trial) -> Tuple[np.ndarray, np.ndarray, float]:
-    """False and true positive rates over all thresholds, and the area below."""
-    order = np.argsort(-trial.scores, kind="stable")
-    hits, scores = trial.labels[order], trial.scores[order]
-    last = np.append(scores[1:] < scores[:-1], True)  # those of equal score are told apart by no threshold
-    true, false = np.cumsum(hits)[last] / max(int(hits.sum()), 1), np.cumsum(~hits)[last] / max(int((~hits).sum()), 1)
-    return np.append(0.0, false), np.append(0.0, true), area(trial)
-
-
-def summary(trial: Trial) -> Dict[str, float]:
-    """Area, and the errors of table 7 for the sign of the score."""
-    says = trial.scores > 0.0
-    return {
-        "auc": area(trial),
-        "false_negatives": float((~says[trial.labels]).mean()) if trial.labels.any() else float("nan"),
-        "false_positives": float(says[~trial.labels].mean()) if not trial.labels.all() else float("nan"),
-        "error": float((says != trial.labels).mean()) if len(says) else float("nan"),
-        "legs": int(trial.labels.sum()),
-        "others": int((~trial.labels).sum()),
-    }
-
-
-def heuristic(values: np.ndarray) -> np.ndarray:
-    """(N,) 1 or -1: the manually designed classifier of 2.3.3, without its test of motion: robots move."""
-    get = {name: values[:, NAMES.index(name)] for name in PAPER}
-    is_leg = (get["jump_before"] > 0.3) & (get["jump_after"] > 0.3)
-    is_leg &= (get["width"] > 0.05) & (get["width"] < 0.5) & (get["number"] >= 4)
-    is_leg &= get["standard_deviation"] < 0.5
-    return np.where(is_leg, 1.0, -1.0)
-
-
-def _experiment(recipe: RecipeConfig, sources: Mapping[str, Examples], notes: Console) -> Dict[str, Trial]:
-    """The recipe's split: our features, the paper's with and without motion, the heuristic (tables 2 to 8)."""
+def _experiment(
+    recipe: RecipeConfig, sources: Mapping[str, Examples], notes: Console
+) -> Tuple[List[Titled], Dict[str, Trial]]:
+    """The recipe's split: our features, the paper's, the heuristic. None looks at motion: robots drive."""
     train = joined(sources[name] for name in recipe.split.train)
     test = joined(sources[name] for name in recipe.split.test)
     ways = {
         "this recipe": (recipe.features, recipe.rounds),
         "paper, features 1 to 13": (PAPER_STILL, PAPER_ROUNDS),
-        "paper, with motion": (PAPER, PAPER_ROUNDS),
         "paper's features, as many rounds": (PAPER_STILL, recipe.rounds),
     }
     trials: Dict[str, Trial] = {}
-    best: Dict[str, str] = {}
+    classifiers: Dict[str, Stumps] = {}
     with _progress(notes) as progress:
         task = progress.add_task("testing", total=len(ways))
         for name, (names, rounds) in ways.items():
-            stumps = adaboost(train.values, train.labels, rounds, columns(names))
-            trials[name] = Trial(stumps.scores(test.values), test.labels)
-            best[name] = ", ".join(_best_features(stumps))
+            classifiers[name] = adaboost(train.values, train.labels, rounds, columns(names))
+            trials[name] = Trial(classifiers[name].scores(test.values), test.labels)
             progress.advance(task)
+    confusions = dict(trials)
     trials["heuristic of 2.3.3"] = Trial(heuristic(test.values), test.labels)
-    print(f"learned from {', '.join(recipe.split.train)}; tested on {', '.join(recipe.split.test)}")
-    print(error_table(trials).as_text())
-    print()
-    print(confusion_table(trials["this recipe"]).as_text())
-    print()
-    print(Table(("", f"best {BEST} features"), tuple(best.items())).as_text())
-    print()
-    return trials
+    title = f"Learned from {', '.join(recipe.split.train)}; tested on {', '.join(recipe.split.test)}"
+    tables = [
+        (title, error_table(trials)),
+        ("Confusion", confusion_table(confusions)),
+        ("The best features", feature_table(classifiers)),
+    ]
+    return tables, trials
+
+
+def _paper(
+    recipe: RecipeConfig, sources: Mapping[str, Examples], notes: Console
+) -> Tuple[List[Titled], Dict[str, Trial]]:
+    found = places(recipe.environments, sources)
+    with _progress(notes) as progress:
+        task = progress.add_task("the paper's tables", total=2 * len(found))
+        return paper_tables(found, lambda: progress.advance(task))
 
 
 def _transfer(recipe: RecipeConfig, sources: Mapping[str, Examples], notes: Console) -> Dict[str, Trial]:
@@ -205,38 +183,7 @@ def _transfer(recipe: RecipeConfig, sources: Mapping[str, Examples], notes: Cons
             if test.labels.any() and train.labels.any() and len(names) < len(sources):
                 trials[scanner] = Trial(_boost(train, recipe).scores(test.values), test.labels)
             progress.advance(task)
-    print("learned from all scanners but the one that it is tested on")
-    print(error_table(trials).as_text())
-    print()
     return trials
-
-
-def error_table(trials: Mapping[str, Trial]) -> Table:
-    """Areas and errors as in tables 7 and 8."""
-    rows = []
-    for name, trial in trials.items():
-        entry = summary(trial)
-        cells = [f"{entry['auc']:.3f}" if np.isfinite(entry["auc"]) else UNDEFINED]
-        for key in ("false_negatives", "false_positives", "error"):
-            cells.append(f"{100 * entry[key]:.2f} %" if np.isfinite(entry[key]) else UNDEFINED)
-        rows.append((name, *cells, str(entry["legs"]), str(entry["others"])))
-    return Table(("", "ROC area", "false neg.", "false pos.", "error", "legs", "others"), tuple(rows))
-
-
-def confusion_table(trial: Trial) -> Table:
-    """Tables 2 to 5 for the sign of the score."""
-    says = trial.scores > 0.0
-    rows = []
-    for name, members in (("leg", trial.labels), ("no leg", ~trial.labels)):
-        total = max(int(members.sum()), 1)
-        counts = [int((says[members] == verdict).sum()) for verdict in (True, False)]
-        rows.append((name, *(f"{count} ({100 * count / total:.2f} %)" for count in counts), str(int(members.sum()))))
-    return Table(("true label", "leg", "no leg", "total"), tuple(rows))
-
-
-def _best_features(stumps: Stumps) -> List[str]:
-    order = np.argsort(-stumps.weights, kind="stable")[:BEST]
-    return [NAMES[feature] for feature in stumps.features[order].tolist()]
 
 
 def _boost(entry: Examples, recipe: RecipeConfig) -> Stumps:
@@ -260,6 +207,13 @@ def _provenance(
     }
 
 
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise RecordingError(f"{path}: {error.strerror}") from error
+
+
 def _progress(notes: Console) -> Progress:
     return Progress(
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=notes
@@ -273,6 +227,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--data", type=Path, default=Path(), metavar="DIR", help="folder that the recipe's paths are relative to")
     add("--out", type=Path, metavar="JSON", help="learn from all sources and write the model")
     add("--transfer", action="store_true", help="also test each scanner with a model that has not seen it")
+    add("--tables", type=Path, metavar="MD", help="write the tables as Markdown")
     add("--roc", type=Path, metavar="PNG", help="picture of the ROC curves")
     add("--json", type=Path, metavar="FILE", help="write the figures")
     return parser
