@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import dataclass
-from typing import ClassVar, Deque, NamedTuple, Optional, Tuple
+from typing import ClassVar, NamedTuple, Optional, Tuple
 
 import numpy as np
 from scipy.special import expit, logit
@@ -16,14 +15,14 @@ from people_fusion.core.errors import ConfigError, TransformUnavailable
 from people_fusion.core.grids import OCCUPIED_THRESHOLD, ROUND_OFF, OccupancyGrid
 from people_fusion.core.measurements import PERSON_DEPTH_M, XY_OBSERVED, Measurement, Sight
 from people_fusion.core.scans import Scan
-from people_fusion.core.stamps import from_seconds, to_seconds
+from people_fusion.core.stamps import from_seconds
 from people_fusion.core.transforms import FramesConfig, TransformSource
 from people_fusion.cues.cue import CUES, Cue, TransformRequest
 from people_fusion.cues.legs import beams, clusters, map_fit, shapes
 from people_fusion.cues.legs.classifier import load_leg_model
 from people_fusion.cues.legs.segments import segment
+from people_fusion.cues.periods import Periods
 
-PERIODS_REMEMBERED = 11
 UNKNOWN_PERIOD_S = 0.1
 LEG_WIDTH = 0.1  # metres, for the distance at which beams are too far apart to tell a leg
 DISCERNIBLE_POINTS = 6  # in fewer, two legs may have no dent between
@@ -127,8 +126,7 @@ class LegCue(Cue):
         self._directions = beams.Directions()
         self._model = load_leg_model(config.model) if config.model else None
         self._sequence = 0
-        self._newest_ns: Optional[int] = None
-        self._periods_s: Deque[float] = deque(maxlen=PERIODS_REMEMBERED)
+        self._periods = Periods()
 
     def set_map(self, grid: Optional[OccupancyGrid]) -> None:
         self._grid = grid
@@ -139,8 +137,7 @@ class LegCue(Cue):
         self._localisation = covariance
 
     def reset(self) -> None:
-        self._newest_ns = None
-        self._periods_s.clear()
+        self._periods.reset()
 
     def transforms_needed(self, data: Scan) -> Tuple[TransformRequest, ...]:
         beams.check(data)
@@ -156,7 +153,7 @@ class LegCue(Cue):
         legs = self._legs(points, hits, doubtful, data, ranges)
         owners = self._owners(legs)
         positions, covariances, paired = self._people(legs, owners, abs(data.angle_increment))
-        period_s = self._note_stamp(data)
+        period_s = self._period_s(data)
         self._sequence += 1
         return Measurement(
             stamp_ns=data.stamp_ns,
@@ -396,12 +393,8 @@ class LegCue(Cue):
         doubt = config.map_doubt + config.map_doubt_per_metre * np.hypot(arms[:, 0], arms[:, 1])
         return doubt + config.map_doubt_stds * np.sqrt(map_fit.variances(arms, covariance))
 
-    def _note_stamp(self, scan: Scan) -> float:
-        """Take notice of a stamp, and the median period of the last scans; stamps that do not advance say nothing."""
-        if self._newest_ns is None or scan.stamp_ns > self._newest_ns:
-            if self._newest_ns is not None:
-                self._periods_s.append(to_seconds(scan.stamp_ns - self._newest_ns))
-            self._newest_ns = scan.stamp_ns
-        if self._periods_s:
-            return sorted(self._periods_s)[len(self._periods_s) // 2]
+    def _period_s(self, scan: Scan) -> float:
+        period_s = self._periods.note(scan.stamp_ns)
+        if period_s is not None:
+            return period_s
         return scan.scan_time if math.isfinite(scan.scan_time) and scan.scan_time > 0.0 else UNKNOWN_PERIOD_S
