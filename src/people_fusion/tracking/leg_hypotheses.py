@@ -134,6 +134,14 @@ class _Child(NamedTuple):
     flips: Tuple[int, ...]
 
 
+def constant_velocity(duration_s: float, acceleration_std: float) -> Tuple[np.ndarray, np.ndarray]:
+    """Transition and noise, both (4, 4), of x y vx vy under an acceleration that is constant over the time."""
+    transition = np.eye(4)
+    transition[0, 2] = transition[1, 3] = duration_s
+    spread = np.vstack([0.5 * duration_s**2 * np.eye(2), duration_s * np.eye(2)])
+    return transition, acceleration_std**2 * spread @ spread.T
+
+
 class MultiHypothesisTracker:
     """Grows and prunes a Forest; holds nothing that changes but counters.
 
@@ -155,10 +163,7 @@ class MultiHypothesisTracker:
         tracks = forest.tracks
         if duration_s <= 0.0 or not len(tracks.ids):
             return forest
-        transition = np.eye(4)
-        transition[0, 2] = transition[1, 3] = duration_s
-        spread = np.vstack([0.5 * duration_s**2 * np.eye(2), duration_s * np.eye(2)])
-        noise = self.config.acceleration_std**2 * spread @ spread.T
+        transition, noise = constant_velocity(duration_s, self.config.acceleration_std)
         means, covariances = predict(tracks.means, tracks.covariances, transition, noise)
         return forest._replace(tracks=tracks._replace(means=means, covariances=covariances))
 
