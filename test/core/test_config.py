@@ -5,7 +5,7 @@ from typing import Dict, Optional, Tuple
 
 import pytest
 
-from people_fusion.core.config import component, load_yaml, merge, parameter, parse, section
+from people_fusion.core.config import component, components, load_yaml, merge, parameter, parse, section
 from people_fusion.core.errors import ConfigError
 from people_fusion.core.registry import Registry
 
@@ -159,3 +159,16 @@ def test_missing_and_broken_files_are_named(tmp_path):
     (tmp_path / "object.yaml").write_text("!!python/object/apply:os.system ['true']")
     with pytest.raises(ConfigError, match=r"object\.yaml: not YAML"):
         load_yaml(tmp_path / "object.yaml")
+
+
+@dataclass(frozen=True)
+class Many:
+    parts: Dict[str, object] = components(SHAPES, "any")
+
+
+def test_parts_by_names_of_the_users_choice():
+    parsed = parse(Many, {"parts": {"mine": {"type": "circle", "radius": 2.0}}})
+    assert parsed.parts == {"mine": CircleConfig(2.0)} and parse(Many, {}).parts == {}
+    for wrong, message in (({"parts": {"mine": {"type": "cube"}}}, "parts/mine/type"), ({"parts": [1]}, "parts: ")):
+        with pytest.raises(ConfigError, match=message):
+            parse(Many, wrong)

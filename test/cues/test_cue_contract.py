@@ -9,11 +9,16 @@ import pytest
 from leg_scenes import Motion, scan_of, scan_with
 
 from people_fusion.core.errors import DataError
+from people_fusion.core.scans import Scan
 from people_fusion.core.transforms import FramesConfig
 from people_fusion.cues.cue import CUES
 
 
-@pytest.fixture(params=CUES.names())
+def cues_of_scans():
+    return [name for name in CUES.names() if CUES.class_of(name).takes is Scan]
+
+
+@pytest.fixture(params=cues_of_scans())
 def build(request):
     config = CUES.config_of(request.param, "type")
     return lambda: CUES.build(config(), name="scan", frames=FramesConfig())

@@ -70,6 +70,9 @@ def test_presets_load(preset):
         ({"localisation": "maybe"}, "localisation"),
         ({"transforms": {"links": {"laser": {"jitter_position_std": -0.1}}}}, "links/laser/jitter_position_std"),
         ({"tracks": {}}, "tracks"),
+        ({"leg_cue": {"type": "heads"}}, "leg_cue: 'heads' takes Image, not Scan"),
+        ({"head_cues": {"face": {"type": "legs"}}}, "head_cues/face: 'legs' takes Scan, not Image"),
+        ({"head_cues": {"face": {"type": "heads", "min_range": 9.0}}}, "head_cues/face/max_range"),
     ],
 )
 def test_bad_parameters_are_refused_by_their_path(overrides, path):

@@ -49,6 +49,11 @@ def component(registry: Registry[Any], default: Callable[[], Any], doc: str) -> 
     return dataclasses.field(default_factory=default, metadata={"doc": doc, "registry": registry})
 
 
+def components(registry: Registry[Any], doc: str) -> Any:
+    """Field that holds the configs of any number of exchangeable parts, by names of the user's choice."""
+    return dataclasses.field(default_factory=dict, metadata={"doc": doc, "registry": registry, "many": True})
+
+
 def section(default: Callable[[], Any], doc: str) -> Any:
     """Field that holds a nested config dataclass."""
     return dataclasses.field(default_factory=default, metadata={"doc": doc})
@@ -113,6 +118,11 @@ def merge(base: Any, override: Any) -> Any:
 
 def _convert(hint: Any, value: Any, path: str, metadata: Mapping[str, Any]) -> Any:
     registry = metadata.get("registry")
+    if metadata.get("many"):
+        if not isinstance(value, Mapping):
+            raise ConfigError(f"{path}: expected a mapping, got {value!r}")
+        one = {"registry": registry}
+        return {str(key): _convert(hint, entry, f"{path}/{key}", one) for key, entry in value.items()}
     if registry is not None:
         if not isinstance(value, Mapping) or not isinstance(value.get("type"), str):
             raise ConfigError(f"{path}: expected a mapping with `type`, one of {', '.join(registry.names())}")

@@ -54,6 +54,11 @@ class Registry(Generic[T]):
             raise ConfigError(f"{path}: no {self.kind} {name!r}; there are {', '.join(self.names())}")
         return self._parts[name][1]
 
+    def class_of(self, name: str) -> Type[T]:
+        """Class of a part that there is."""
+        self._load()
+        return self._parts[name][0]
+
     def name_of(self, config: Any) -> str:
         """Registered name of a config instance's part."""
         self._load()

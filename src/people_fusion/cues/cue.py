@@ -10,6 +10,7 @@ import numpy as np
 from people_fusion.core.grids import OccupancyGrid
 from people_fusion.core.measurements import Announcement, Measurement
 from people_fusion.core.registry import Registry
+from people_fusion.core.tracks import Tracks
 from people_fusion.core.transforms import TransformSource
 
 
@@ -27,13 +28,19 @@ class Cue(abc.ABC):
     A cue is called from one thread, message by message, never blocks and reads no clock. Whoever feeds it (a node, a
     replay) has waited until the transforms that `measure` asks for are there.
 
+    Attributes:
+        takes: core type of the sensor's messages, e.g. Scan.
+        modality: of its measurements.
+        name: unique name of this instance, becomes Measurement.cue.
+
     Args (of every cue's constructor):
         config: its frozen config dataclass.
         name: unique name of this instance, becomes Measurement.cue.
         frames: names of the robot's frames.
     """
 
-    modality: ClassVar[str]
+    takes: ClassVar[type]
+    modality: str
     name: str
     _announced = 0
 
@@ -71,6 +78,9 @@ class Cue(abc.ABC):
 
     def set_localisation(self, covariance: np.ndarray) -> None:
         """How uncertain the robot's pose in the map is from now on: (6, 6), see core.poses. Zero as long as untold."""
+
+    def set_tracks(self, tracks: Tracks) -> None:
+        """Whom the tracker believes in; a cue may look there first."""
 
     def reset(self) -> None:
         """Forget all that was measured: time has jumped."""

@@ -9,15 +9,17 @@ import dataclasses
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Union
+from typing import Any, Dict, List, Mapping, Optional, Tuple, Union
 
 import numpy as np
 
-from people_fusion.core.config import component, load_yaml, merge, parameter, parse, section
+from people_fusion.core.config import component, components, load_yaml, merge, parameter, parse, section
 from people_fusion.core.errors import ConfigError, TransformUnavailable
 from people_fusion.core.grids import OccupancyGrid
+from people_fusion.core.images import Image
 from people_fusion.core.measurements import Announcement, Measurement
 from people_fusion.core.resources import directory
+from people_fusion.core.scans import Scan
 from people_fusion.core.tracks import Tracks
 from people_fusion.core.transforms import (
     FramesConfig,
@@ -50,8 +52,18 @@ class FusionConfig:
         choices=TREATMENTS,
     )
     leg_cue: object = component(CUES, LegCueConfig, "how legs are found in a scan")
+    head_cues: Dict[str, object] = components(CUES, "how people are found in an image, by names of your choice")
     buffer: object = component(BUFFERS, ReprocessConfig, "what happens to late measurements")
     tracker: object = component(TRACKERS, KalmanConfig, "the tracker")
+
+    def __post_init__(self) -> None:
+        cues: List[Tuple[str, object, type]] = [("leg_cue", self.leg_cue, Scan)]
+        cues += [(f"head_cues/{name}", cue, Image) for name, cue in self.head_cues.items()]
+        for path, cue, sensor in cues:
+            name = CUES.name_of(cue)
+            takes = CUES.class_of(name).takes
+            if takes is not sensor:
+                raise ConfigError(f"{path}: {name!r} takes {takes.__name__}, not {sensor.__name__}")
 
 
 def load_config(

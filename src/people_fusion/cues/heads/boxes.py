@@ -1,10 +1,24 @@
-"""Boxes in an image, and the overlap of boxes."""
+"""Boxes in an image, what they hold, and which of them overlap."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import List, NamedTuple
 
 import numpy as np
+
+from people_fusion.core.config import parameter
+
+
+@dataclass(frozen=True)
+class BoxConfig:
+    """What a detector's boxes hold, in metres (Volkhardt 2013, III-B; Poschmann 2018, 3.1.2)."""
+
+    height: float = parameter(0.25, "of what a box spans, on average over people, metres", low=0.01, high=3.0)
+    height_std: float = parameter(0.03, "of that among people and from box to box, metres", low=1e-3)
+    head_above: float = parameter(0.0, "middle of the head over the middle of the box, metres", -2.0, 2.0)
+    head_above_std: float = parameter(0.03, "of that, metres", low=1e-3)
+    across_std: float = parameter(0.04, "of the head sideways of the box's middle, metres", low=1e-3)
 
 
 class Boxes(NamedTuple):
@@ -39,3 +53,21 @@ def overlaps(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     areas = [np.clip(boxes[:, 2:] - boxes[:, :2], 0.0, None).prod(axis=1) for boxes in (first, second)]
     union = areas[0][:, None] + areas[1][None, :] - shared
     return np.divide(shared, union, out=np.zeros_like(shared), where=union > 0.0)
+
+
+def best_of_overlapping(boxes: Boxes, overlap: float, period: float = 0.0) -> np.ndarray:
+    """Indices of the boxes that no better one overlaps by more than `overlap`, the best first; of equals the first.
+
+    Args:
+        boxes: N boxes.
+        overlap: intersection over union.
+        period: width of a panorama that wraps, pixels; 0: none.
+    """
+    shared = overlaps(boxes.corners, boxes.corners)
+    for turn in (-period, period) if period else ():
+        shared = np.maximum(shared, overlaps(boxes.corners, boxes.corners + [turn, 0.0, turn, 0.0]))
+    best: List[int] = []
+    for row in np.argsort(-boxes.scores, kind="stable").tolist():
+        if not (shared[row, best] > overlap).any():
+            best.append(row)
+    return np.array(best, dtype=int)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import abc
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, Iterator, NamedTuple, Sequence
 
 import numpy as np
 
 from people_fusion.core.images import Image
 from people_fusion.core.registry import Registry
-from people_fusion.cues.heads.boxes import Boxes
+from people_fusion.cues.heads.boxes import BoxConfig, Boxes, best_of_overlapping
 
 
 class Search(NamedTuple):
@@ -37,18 +37,69 @@ class Search(NamedTuple):
         return np.asarray((inside.all(axis=2) & fits).any(axis=1))
 
 
+class Crop(NamedTuple):
+    """A piece of the grey image in which finds of some sizes may be.
+
+    Attributes:
+        grey: (h, w) uint8.
+        left, top: of the piece in the image, pixels; left is negative where it begins beyond the seam of a panorama.
+        heights: (2,) least and largest height of boxes.
+    """
+
+    grey: np.ndarray
+    left: int
+    top: int
+    heights: np.ndarray
+
+
+def crops(image: Image, search: Search) -> Iterator[Crop]:
+    """The piece of the image that each region of a search needs: with a margin of half the largest box."""
+    height, width = image.grey.shape
+    for corners, heights in zip(search.corners, search.heights):
+        margin = 0.5 * min(heights[1], height)
+        top, bottom = np.clip([corners[1] - margin, corners[3] + margin], 0, height).round().astype(int)
+        left, right = np.round([corners[0] - margin, corners[2] + margin]).astype(int)
+        if image.camera.wraps:
+            grey = image.grey[top:bottom].take(np.arange(left, right), axis=1, mode="wrap")
+        else:
+            left, right = np.clip([left, right], 0, width)
+            grey = image.grey[top:bottom, left:right]
+        if grey.size and min(grey.shape) >= 1 and heights[0] <= grey.shape[0]:
+            yield Crop(np.ascontiguousarray(grey), int(left), int(top), heights)
+
+
+def gathered(finds: Sequence[Boxes], image: Image, search: Search, overlap: float) -> Boxes:
+    """The finds of all pieces, in the image's pixels: those that are wanted, and of those that overlap the best.
+
+    Args:
+        finds: with corners in the image's pixels.
+        image, search: as given to `Detector.detect`.
+        overlap: intersection over union from which two boxes hold the same.
+    """
+    boxes = Boxes(*(np.concatenate(columns) for columns in zip(Boxes.none(), *finds)))
+    if image.camera.wraps:
+        turns = np.floor(0.5 * (boxes.corners[:, 0] + boxes.corners[:, 2]) / image.camera.width) * image.camera.width
+        boxes = boxes._replace(corners=boxes.corners - turns[:, None] * [1.0, 0.0, 1.0, 0.0])
+    boxes = boxes.take(search.wanted(boxes.corners))
+    return boxes.take(best_of_overlapping(boxes, overlap, image.camera.width if image.camera.wraps else 0))
+
+
 class Detector(abc.ABC):
     """Finds people, or parts of them, in single images. Called from one thread; reads no clock.
 
     Attributes:
         part: of a person that its boxes hold: "face", "head", "upper_body", "body" or "motion"; the measurement's
             modality.
+        needs_rest: whether it compares images that follow each other, so that the camera must stand still.
+        box: what its boxes hold, in metres.
 
     Args (of every detector's constructor):
         config: its frozen config dataclass.
     """
 
     part: ClassVar[str]
+    needs_rest: ClassVar[bool] = False
+    box: BoxConfig
 
     @abc.abstractmethod
     def detect(self, image: Image, search: Search) -> Boxes:

@@ -7,28 +7,16 @@ d (tan a - tan b) high.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple, Tuple
 
 import numpy as np
 
 from people_fusion.core.cameras import Camera
-from people_fusion.core.config import parameter
+from people_fusion.cues.heads.boxes import BoxConfig
 from people_fusion.cues.heads.detector import Search
 
 COLUMNS = 9  # across the image, at which the rows of a search are taken
 SLACK = 2.0  # standard deviations
-
-
-@dataclass(frozen=True)
-class BoxConfig:
-    """What a detector's boxes hold, in metres (Volkhardt 2013, III-B; Poschmann 2018, 3.1.2)."""
-
-    height: float = parameter(0.25, "of what a box spans, on average over people, metres", low=0.01, high=3.0)
-    height_std: float = parameter(0.03, "of that among people and from box to box, metres", low=1e-3)
-    head_above: float = parameter(0.0, "middle of the head over the middle of the box, metres", -2.0, 2.0)
-    head_above_std: float = parameter(0.03, "of that, metres", low=1e-3)
-    across_std: float = parameter(0.04, "of the head sideways of the box's middle, metres", low=1e-3)
 
 
 class Heads(NamedTuple):

@@ -19,8 +19,9 @@ from people_fusion.core.stamps import from_seconds
 from people_fusion.core.transforms import FramesConfig, TransformSource
 from people_fusion.cues.cue import CUES, Cue, TransformRequest
 from people_fusion.cues.legs import beams, clusters, map_fit, shapes
-from people_fusion.cues.legs.classifier import load_leg_model
-from people_fusion.cues.legs.segments import segment
+from people_fusion.cues.legs.classifier import LegModel, load_leg_model
+from people_fusion.cues.legs.features import MIN_POINTS
+from people_fusion.cues.legs.segments import Segments, segment
 from people_fusion.cues.periods import Periods
 
 UNKNOWN_PERIOD_S = 0.1
@@ -92,12 +93,21 @@ class LegCueConfig:
     model: str = parameter("", "what legs look like: a model in config/models, or a JSON file; empty: no vote on that")
     mapped_belief: float = parameter(0.9, "most that is believed before that vote where the map is silent", 0.0, 1.0)
     unmapped_belief: float = parameter(0.7, "... and where there is no map that could", 0.0, 1.0)
+    classified_above: float = parameter(
+        0.0,
+        "the model alone finds legs: segments that it gives this probability or more; 0: the rules do, the model votes",
+        0.0,
+        1.0,
+    )
+    paired_only: bool = parameter(False, "a leg without another is nobody")
 
     def __post_init__(self) -> None:
         if self.leg_diameter > self.group_gap:
             raise ConfigError(
                 f"leg_diameter: {self.leg_diameter} is larger than group_gap, {self.group_gap}: a leg would span groups"
             )
+        if self.classified_above and not self.model:
+            raise ConfigError("classified_above: needs a model that classifies")
 
 
 class _Legs(NamedTuple):
@@ -113,11 +123,31 @@ class _Legs(NamedTuple):
     beams: np.ndarray
 
 
+def _looks(model: LegModel, scan: Scan, ranges: np.ndarray) -> Tuple[Segments, np.ndarray]:
+    """The model's segments S of a scan, and its evidence (S,) that each is a leg."""
+    valid = np.where(beams.hits(ranges, scan.range_min, scan.range_max), ranges, np.nan)
+    segments = segment(scan, valid, model.jump, model.jump_beams)
+    return segments, model.evidence(segments)
+
+
+def _paired(legs: _Legs, owners: np.ndarray) -> Tuple[_Legs, np.ndarray]:
+    """Only the legs that are one of two of the same person, and their owners."""
+    kept = np.bincount(owners)[owners] == 2 if len(owners) else np.zeros(0, dtype=bool)
+    seen = kept[legs.labels] if len(owners) else np.zeros(0, dtype=bool)
+    labels = (np.cumsum(kept) - 1)[legs.labels][seen] if len(owners) else legs.labels
+    legs = _Legs(
+        legs.points[seen], labels, legs.centres[kept], legs.groups[kept], legs.doubtful[kept], legs.one_piece[kept],
+        legs.beams[seen],
+    )  # fmt: skip
+    return legs, clusters.relabel(owners[kept])
+
+
 @CUES.register("legs", LegCueConfig)
 class LegCue(Cue):
     """Background subtraction, segments, groups, legs, pairs of legs, people."""
 
-    modality: ClassVar[str] = "legs"
+    takes: ClassVar[type] = Scan
+    modality = "legs"
 
     def __init__(self, config: LegCueConfig, name: str, frames: FramesConfig) -> None:
         self.config, self.name, self.frames = config, name, frames
@@ -150,8 +180,13 @@ class LegCue(Cue):
     def measure(self, data: Scan, transforms: Optional[TransformSource]) -> Measurement:
         ranges = beams.check(data)
         points, hits, background, doubtful = self._points(data, ranges, transforms)
-        legs = self._legs(points, hits, doubtful, data, ranges)
+        if self._model is not None and self.config.classified_above:
+            legs = self._classified(self._model, points, hits, doubtful, data, ranges)
+        else:
+            legs = self._legs(points, hits, doubtful, data, ranges)
         owners = self._owners(legs)
+        if self.config.paired_only:
+            legs, owners = _paired(legs, owners)
         positions, covariances, paired = self._people(legs, owners, abs(data.angle_increment))
         period_s = self._period_s(data)
         self._sequence += 1
@@ -208,7 +243,7 @@ class LegCue(Cue):
         doubtful = np.zeros(len(points), dtype=bool)
         if transforms is None:
             return points, hits, background, doubtful
-        points = self._straightened(points, hits / (len(ranges) - 1), scan, transforms)
+        points = self._straightened(points, hits / max(len(ranges) - 1, 1), scan, transforms)
         if self._grid is not None:
             map_from_sensor = transforms.lookup(self._grid.frame_id, scan.frame_id, scan.stamp_ns)
             points_map = map_from_sensor.apply(np.column_stack([points, np.zeros(len(points))]))[:, :2]
@@ -253,13 +288,47 @@ class LegCue(Cue):
             points, groups, legs = points[kept], groups[kept], clusters.relabel(legs[kept])
             doubtful, one_piece, hits = doubtful[kept], one_piece[kept], hits[kept]
         hits = (hits + seam) % len(ranges)
+        return self._placed(points, legs, groups, doubtful, one_piece, hits)
+
+    def _classified(
+        self,
+        model: LegModel,
+        points: np.ndarray,
+        hits: np.ndarray,
+        doubtful: np.ndarray,
+        scan: Scan,
+        ranges: np.ndarray,
+    ) -> _Legs:
+        """Each segment that the model takes for a leg, but what the map explains of it (Volkhardt 2013, III-A 4)."""
+        segments, evidence = _looks(model, scan, ranges)
+        is_leg = expit(logit(model.prior) + evidence) >= self.config.classified_above
+        is_leg &= segments.counts >= MIN_POINTS
+        of_beam = np.full(len(ranges), -1)
+        of_beam[segments.beams] = np.where(is_leg, np.arange(len(segments)), -1)[segments.labels]
+        kept = of_beam[hits] >= 0
+        points, hits, doubtful = points[kept], hits[kept], doubtful[kept]
+        legs, groups = clusters.relabel(of_beam[hits]), clusters.single_linkage(points, self.config.group_gap)
+        first = np.unique(legs, return_index=True)[1]
+        groups = groups[first][legs]  # a leg that lost its middle to the map is still one
+        return self._placed(points, legs, groups, doubtful, np.zeros(len(points), dtype=bool), hits)
+
+    def _placed(
+        self,
+        points: np.ndarray,
+        legs: np.ndarray,
+        groups: np.ndarray,
+        doubtful: np.ndarray,
+        one_piece: np.ndarray,
+        hits: np.ndarray,
+    ) -> _Legs:
+        """Legs of points that know their leg and their group."""
         if not len(legs):
             nothing = np.zeros(0)
             return _Legs(points, legs, np.zeros((0, 2)), np.zeros(0, dtype=int), nothing, nothing.astype(bool), hits)
         centres = clusters.means(points, legs)
-        if config.leg_radius:
+        if self.config.leg_radius:
             distances = np.maximum(np.hypot(centres[:, 0], centres[:, 1]), TINY)
-            centres *= 1.0 + ARC_DEPTH * config.leg_radius / distances[:, None]
+            centres *= 1.0 + ARC_DEPTH * self.config.leg_radius / distances[:, None]
         first = np.unique(legs, return_index=True)[1]
         one_piece = one_piece[first] & (np.bincount(legs) >= DISCERNIBLE_POINTS)
         return _Legs(points, legs, centres, groups[first], np.bincount(legs, doubtful) > 0, one_piece, hits)
@@ -377,11 +446,12 @@ class LegCue(Cue):
         """(N,) confidences with what the shape of each leg says, by Bayes' rule; as they are without a model."""
         if self._model is None or not len(owners):
             return confidences
-        valid = np.where(beams.hits(ranges, scan.range_min, scan.range_max), ranges, np.nan)
-        segments = segment(scan, valid, self._model.jump, self._model.jump_beams)
+        segments, of_segments = _looks(self._model, scan, ranges)
         evidence = np.zeros(len(ranges))
-        evidence[segments.beams] = self._model.evidence(segments)[segments.labels]
+        evidence[segments.beams] = of_segments[segments.labels]
         of_legs = np.bincount(legs.labels, evidence[legs.beams]) / np.bincount(legs.labels)
+        if self.config.classified_above:  # no rule has anything to say
+            return expit(logit(self._model.prior) + np.bincount(owners, of_legs))
         belief = self.config.unmapped_belief if self._grid is None else self.config.mapped_belief
         prior = np.clip(np.minimum(confidences, belief), LEAST_BELIEF, 1.0 - LEAST_BELIEF)
         return expit(logit(prior) + np.bincount(owners, of_legs))

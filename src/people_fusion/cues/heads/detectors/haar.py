@@ -1,0 +1,147 @@
+"""Faces and upper bodies by OpenCV's cascades (Viola & Jones 2001), as Poschmann 2018, 3.1.2 and Volkhardt 2013 do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar, List, Union
+
+import cv2
+import numpy as np
+
+from people_fusion.core.config import parameter, section
+from people_fusion.core.errors import ConfigError
+from people_fusion.core.images import Image
+from people_fusion.cues.heads.boxes import BoxConfig, Boxes
+from people_fusion.cues.heads.detector import DETECTORS, Crop, Detector, Search, crops, gathered
+
+OVERLAP = 0.3
+DEBIAN = ("/usr/share/opencv4/haarcascades", "/usr/share/opencv/haarcascades", "/usr/local/share/opencv4/haarcascades")
+
+
+@dataclass(frozen=True)
+class HaarFaceConfig:
+    """Frontal faces."""
+
+    cascade: str = parameter("haarcascade_frontalface_alt2.xml", "file, or the name of one that comes with OpenCV")
+    step: float = parameter(1.1, "from one size to the next", low=1.01)
+    neighbours: int = parameter(3, "windows that must agree", low=0)
+    confidence: float = parameter(0.8, "of a find that so many agree on; more make it surer", 0.0, 1.0)
+    box: BoxConfig = section(lambda: BoxConfig(height=0.19, height_std=0.025), "what a box holds")
+
+
+@dataclass(frozen=True)
+class HaarProfileConfig:
+    """Faces from the side, of both sides."""
+
+    cascade: str = parameter("haarcascade_profileface.xml", "file, or the name of one that comes with OpenCV")
+    step: float = parameter(1.1, "from one size to the next", low=1.01)
+    neighbours: int = parameter(3, "windows that must agree", low=0)
+    confidence: float = parameter(0.7, "of a find that so many agree on; more make it surer", 0.0, 1.0)
+    box: BoxConfig = section(lambda: BoxConfig(height=0.19, height_std=0.03, across_std=0.06), "what a box holds")
+
+
+@dataclass(frozen=True)
+class HaarUpperBodyConfig:
+    """Heads with shoulders."""
+
+    cascade: str = parameter("haarcascade_upperbody.xml", "file, or the name of one that comes with OpenCV")
+    step: float = parameter(1.1, "from one size to the next", low=1.01)
+    neighbours: int = parameter(3, "windows that must agree", low=0)
+    confidence: float = parameter(0.7, "of a find that so many agree on; more make it surer", 0.0, 1.0)
+    box: BoxConfig = section(
+        lambda: BoxConfig(height=0.55, height_std=0.08, head_above=0.08, head_above_std=0.06, across_std=0.06),
+        "what a box holds",
+    )
+
+
+class HaarDetector(Detector):
+    """One cascade. Its score is the number of windows that agree."""
+
+    mirrored: ClassVar[bool] = False  # whether the cascade knows one side only
+
+    def __init__(self, config: Union[HaarFaceConfig, HaarProfileConfig, HaarUpperBodyConfig]) -> None:
+        self.config, self.box = config, config.box
+        self._cascade = load_cascade(config.cascade)
+
+    def detect(self, image: Image, search: Search) -> Boxes:
+        """See Detector."""
+        finds: List[Boxes] = []
+        for crop in crops(image, search):
+            finds.append(self._finds(crop))
+            if self.mirrored:
+                there = self._finds(crop._replace(grey=np.ascontiguousarray(crop.grey[:, ::-1])))
+                left, width = crop.left, crop.grey.shape[1]
+                corners = there.corners.copy()
+                corners[:, [0, 2]] = 2 * left + width - there.corners[:, [2, 0]]
+                finds.append(there._replace(corners=corners))
+        return gathered(finds, image, search, OVERLAP)
+
+    def _finds(self, crop: Crop) -> Boxes:
+        aspect = self._aspect
+        least, largest = crop.heights
+        found, counts = self._cascade.detectMultiScale2(
+            crop.grey,
+            self.config.step,
+            self.config.neighbours,
+            0,
+            (int(least * aspect + 0.5), int(least + 0.5)),
+            (int(min(largest * aspect, crop.grey.shape[1])), int(min(largest, crop.grey.shape[0]))),
+        )
+        if not len(found):
+            return Boxes.none()
+        x, y, w, h = np.asarray(found, dtype=float).T
+        scores = np.ravel(counts).astype(float)
+        # Each doubling of the windows that agree halves the doubt.
+        doubt = (1.0 - self.config.confidence) * max(self.config.neighbours, 1) / np.maximum(scores, 1.0)
+        corners = np.column_stack([x, y, x + w, y + h]) + [crop.left, crop.top, crop.left, crop.top]
+        return Boxes(corners, scores, np.clip(1.0 - doubt, 0.0, 1.0))
+
+    @property
+    def _aspect(self) -> float:
+        width, height = self._cascade.getOriginalWindowSize()
+        return float(width / height)
+
+
+@DETECTORS.register("haar_face", HaarFaceConfig)
+class HaarFace(HaarDetector):
+    """Frontal faces."""
+
+    part: ClassVar[str] = "face"
+
+
+@DETECTORS.register("haar_profile", HaarProfileConfig)
+class HaarProfile(HaarDetector):
+    """Faces from the left and from the right."""
+
+    part: ClassVar[str] = "face"
+    mirrored: ClassVar[bool] = True
+
+
+@DETECTORS.register("haar_upper_body", HaarUpperBodyConfig)
+class HaarUpperBody(HaarDetector):
+    """Heads with shoulders."""
+
+    part: ClassVar[str] = "upper_body"
+
+
+def load_cascade(name: str) -> cv2.CascadeClassifier:
+    """A cascade from a file, or one that comes with OpenCV.
+
+    Raises:
+        ConfigError: there is no such file, or it holds no cascade; names the places that were tried.
+    """
+    own = getattr(getattr(cv2, "data", None), "haarcascades", "")
+    folders = [folder for folder in ("", own, *DEBIAN) if folder or "/" in name]
+    for folder in folders:
+        path = Path(folder) / name
+        if path.is_file():
+            try:
+                cascade = cv2.CascadeClassifier(str(path))
+            except cv2.error as error:
+                raise ConfigError(f"cascade: {path}: {' '.join(str(error).split())}") from error
+            if cascade.empty():
+                raise ConfigError(f"cascade: {path} holds no cascade")
+            return cascade
+    places = ", ".join(filter(None, folders))
+    raise ConfigError(f"cascade: there is no {name!r} in {places}; package opencv-data has those of OpenCV")
