@@ -99,7 +99,6 @@ class LegCueConfig:
         0.0,
         1.0,
     )
-    paired_only: bool = parameter(False, "a leg without another is nobody")
 
     def __post_init__(self) -> None:
         if self.leg_diameter > self.group_gap:
@@ -128,18 +127,6 @@ def _looks(model: LegModel, scan: Scan, ranges: np.ndarray) -> Tuple[Segments, n
     valid = np.where(beams.hits(ranges, scan.range_min, scan.range_max), ranges, np.nan)
     segments = segment(scan, valid, model.jump, model.jump_beams)
     return segments, model.evidence(segments)
-
-
-def _paired(legs: _Legs, owners: np.ndarray) -> Tuple[_Legs, np.ndarray]:
-    """Only the legs that are one of two of the same person, and their owners."""
-    kept = np.bincount(owners)[owners] == 2 if len(owners) else np.zeros(0, dtype=bool)
-    seen = kept[legs.labels] if len(owners) else np.zeros(0, dtype=bool)
-    labels = (np.cumsum(kept) - 1)[legs.labels][seen] if len(owners) else legs.labels
-    legs = _Legs(
-        legs.points[seen], labels, legs.centres[kept], legs.groups[kept], legs.doubtful[kept], legs.one_piece[kept],
-        legs.beams[seen],
-    )  # fmt: skip
-    return legs, clusters.relabel(owners[kept])
 
 
 @CUES.register("legs", LegCueConfig)
@@ -185,8 +172,6 @@ class LegCue(Cue):
         else:
             legs = self._legs(points, hits, doubtful, data, ranges)
         owners = self._owners(legs)
-        if self.config.paired_only:
-            legs, owners = _paired(legs, owners)
         positions, covariances, paired = self._people(legs, owners, abs(data.angle_increment))
         period_s = self._period_s(data)
         self._sequence += 1
