@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import permutations
 from typing import Callable, Dict, List, NamedTuple, Optional, Set, Tuple
 
 import numpy as np
 
 from people_fusion.core.config import parameter
 from people_fusion.core.stamps import from_seconds
-from people_fusion.tracking.leg_hypotheses import LegTracks
+from people_fusion.filtering.kalman import predict
+from people_fusion.tracking.leg_hypotheses import LegTracks, constant_velocity
 
 Pair = Tuple[int, int]  # identities of two legs, the lower first
 
@@ -32,6 +34,10 @@ class PeopleConfig:
     )
     half_step_std: float = parameter(0.15, "of a leg about the middle of the body, by axis, metres", low=1e-3)
     half_swing_std: float = parameter(0.6, "of a leg's velocity about the body's, by axis, m/s", low=1e-3)
+    together_s: float = parameter(
+        0.3, "after which a leg that is not seen may be anywhere within a step of the one that is, seconds", low=1e-3
+    )
+    body_acceleration_std: float = parameter(3.0, "of a person of whom a leg is not seen, m/s^2", low=0.0)
     body_std: float = parameter(0.05, "of the body's middle about the middle of its legs, by axis, metres", low=0.0)
 
 
@@ -140,6 +146,51 @@ def recognise(
     return People(tuple(persons), trails, agreement)
 
 
+def accompany(
+    before: LegTracks,
+    ahead: LegTracks,
+    best: Tuple[int, ...],
+    people: People,
+    stamp_ns: int,
+    duration_s: float,
+    config: PeopleConfig,
+) -> LegTracks:
+    """Legs of people that the last scan did not show, predicted with the person (beyond the paper).
+
+    By itself a track that is not seen is soon anywhere, with the noise of a leg that swings, and what it becomes again
+    is a new one. But legs are at c + h and c - h with the half step h ~ N(0, H). So a leg x beside one that is seen, a,
+    is an Ornstein-Uhlenbeck process about it, x - a -> N(0, 4 H), which neither sharpens with each scan nor spreads
+    without bounds, and tells nothing of a. Of two that are not seen both go with their mean velocity; in either case
+    the noise is a body's.
+
+    Args:
+        before: tracks at the last scan.
+        ahead: the same tracks, predicted.
+        best: rows of the best hypothesis.
+        people: after the last scan.
+        stamp_ns: of the last scan.
+        duration_s: that tracks were predicted by.
+        config: see PeopleConfig.
+    """
+    row = {int(before.ids[place]): place for place in best}
+    means, covariances = ahead.means.copy(), ahead.covariances.copy()
+    transition, noise = constant_velocity(duration_s, config.body_acceleration_std)
+    kept, step = float(np.exp(-duration_s / config.together_s)), 4.0 * _half_step(config)
+    for person in people.persons:
+        for leg, other in permutations(person.legs, 2):
+            beside = row[other]
+            for place in np.flatnonzero((before.ids == leg) & (before.seen_ns < stamp_ns)).tolist():
+                mean, covariance = before.means[place].copy(), before.covariances[place]
+                if before.seen_ns[beside] < stamp_ns:
+                    mean[2:] = 0.5 * (mean[2:] + before.means[beside, 2:])
+                mean, covariance = predict(mean, covariance, transition, noise)
+                if before.seen_ns[beside] == stamp_ns:
+                    mean = ahead.means[beside] + kept * (mean - ahead.means[beside])
+                    covariance = kept**2 * covariance + (1.0 - kept**2) * (ahead.covariances[beside] + step)
+                means[place], covariances[place] = mean, covariance
+    return ahead._replace(means=means, covariances=covariances)
+
+
 def bodies(people: People, legs: LegTracks, config: PeopleConfig) -> Tuple[np.ndarray, np.ndarray]:
     """Means (P, 4) and covariances (P, 4, 4) of the people, whose legs are all in `legs`.
 
@@ -148,7 +199,7 @@ def bodies(people: People, legs: LegTracks, config: PeopleConfig) -> Tuple[np.nd
     of c is their middle where both are known alike, and one leg with the covariance P + H where it is alone.
     """
     row = {leg: place for place, leg in enumerate(legs.ids.tolist())}
-    H = np.diag([config.half_step_std**2] * 2 + [config.half_swing_std**2] * 2)
+    H = _half_step(config)
     means, covariances = np.zeros((len(people.persons), 4)), np.zeros((len(people.persons), 4, 4))
     for place, person in enumerate(people.persons):
         rows = [row[leg] for leg in person.legs]
@@ -163,6 +214,11 @@ def bodies(people: People, legs: LegTracks, config: PeopleConfig) -> Tuple[np.nd
         covariances[place] = 0.5 * (covariance + covariance.T)
         covariances[place, [0, 1], [0, 1]] += config.body_std**2
     return means, covariances
+
+
+def _half_step(config: PeopleConfig) -> np.ndarray:
+    """(4, 4) covariance of a leg about the middle of the body."""
+    return np.diag([config.half_step_std**2] * 2 + [config.half_swing_std**2] * 2)
 
 
 def _agreement(

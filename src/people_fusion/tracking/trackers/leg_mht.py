@@ -8,13 +8,12 @@ from typing import Dict, Hashable, List, NamedTuple, Optional
 
 import numpy as np
 
-from people_fusion.core.angles import bearings
 from people_fusion.core.config import parameter, section
 from people_fusion.core.measurements import Measurement
 from people_fusion.core.stamps import from_seconds
 from people_fusion.core.tracks import Tracks
 from people_fusion.tracking.leg_hypotheses import Forest, LegTracks, MhtConfig, MultiHypothesisTracker
-from people_fusion.tracking.people_from_legs import People, PeopleConfig, bodies, recognise
+from people_fusion.tracking.people_from_legs import People, PeopleConfig, accompany, bodies, recognise
 from people_fusion.tracking.tracker import TRACKERS, Tracker
 
 IDENTITIES_REMEMBERED = 4096
@@ -74,7 +73,7 @@ class LegMht(Tracker):
         if age_s:
             self._counts["measurements predicted forward"] += 1
         stamp_ns = measurement.stamp_ns if before is None else max(before, measurement.stamp_ns)
-        forest = self._mht.predict(self._state.forest, elapsed_s)
+        forest = self._predicted(elapsed_s)
         positions = measurement.legs[np.isfinite(measurement.legs).all(axis=1)]
         variance = self.config.leg_std**2 + (age_s * self.config.mht.initial_speed_std) ** 2
         people = self._state.people
@@ -89,7 +88,7 @@ class LegMht(Tracker):
             np.tile(variance * np.eye(2), (len(positions), 1, 1)),
             np.array([self._identity((*measurement.order, row)) for row in range(len(positions))], dtype=np.int64),
             approved,
-            _in_view(measurement, forest.tracks.means[:, :2]),
+            np.ones(len(ids), dtype=bool),
         )
         legs = forest.tracks.take(np.array(forest.hypotheses[0].tracks, dtype=int))
         people = recognise(people, legs, stamp_ns, self.config.people, self._identity)
@@ -100,9 +99,7 @@ class LegMht(Tracker):
         now = self._state.stamp_ns
         if now is None:
             now = stamp_ns or 0
-        forest, people = self._state.forest, self._state.people
-        if stamp_ns is not None and stamp_ns > now:
-            forest = self._mht.predict(forest, (stamp_ns - now) / 1e9)
+        forest, people = self._predicted(max((stamp_ns or now) - now, 0) / 1e9), self._state.people
         legs = forest.tracks.take(np.array(forest.hypotheses[0].tracks, dtype=int))
         planar, spreads = bodies(people, legs, self.config.people)
         count = len(people.persons)
@@ -145,6 +142,17 @@ class LegMht(Tracker):
         """See Tracker."""
         return {**self._counts, **self._mht.counts}
 
+    def _predicted(self, duration_s: float) -> Forest:
+        """All tracks, legs of people with their person."""
+        stamp_ns, forest, people = self._state
+        ahead = self._mht.predict(forest, duration_s)
+        if stamp_ns is None or duration_s <= 0.0 or not self.config.adaptive:
+            return ahead
+        tracks = accompany(
+            forest.tracks, ahead.tracks, forest.hypotheses[0].tracks, people, stamp_ns, duration_s, self.config.people
+        )
+        return ahead._replace(tracks=tracks)
+
     def _marginals(self, forest: Forest) -> List[float]:
         """Probability that the leg of each track is there, summed over the tracks of one leg."""
         total: Dict[int, float] = {}
@@ -160,15 +168,3 @@ class LegMht(Tracker):
             if len(self._identities) > IDENTITIES_REMEMBERED:
                 self._identities.popitem(last=False)
         return self._identities[key]
-
-
-def _in_view(measurement: Measurement, points: np.ndarray) -> np.ndarray:
-    """(T,) whether the sensor looks where these points (T, 2) are; everywhere where it does not tell."""
-    sight = measurement.sight
-    if sight is None or not len(points):
-        return np.ones(len(points), dtype=bool)
-    offset = points - sight.position
-    bearing = bearings(offset) - sight.yaw - sight.angle_min
-    turned = bearing * np.sign(sight.angle_increment) % (2.0 * np.pi)
-    within = turned <= abs(sight.angle_increment) * (len(sight.ranges) - 1)
-    return np.asarray(within & (np.hypot(offset[:, 0], offset[:, 1]) <= sight.range_max))
