@@ -48,10 +48,11 @@ def heads_of_boxes(corners: np.ndarray, camera: Camera, level_from_camera: np.nd
     rays = np.stack([camera.rays(np.column_stack([columns, row])) for row in rows]) @ level_from_camera.T
     with np.errstate(divide="ignore", invalid="ignore"):
         flat = np.hypot(rays[..., 0], rays[..., 1])
-        top, bottom, middle = rays[..., 2] / flat
+        top, bottom = rays[:2, :, 2] / flat[:2]
         distances = box.height / (top - bottom)
         distances[~((top > bottom) & np.isfinite(distances))] = np.nan
         directions = rays[2, :, :2] / flat[2, :, None]
+    middle = 0.5 * (top + bottom)
     # Straight ahead one metre, one metre to the side, one metre up.
     ahead = np.column_stack([directions, middle])
     aside = np.column_stack([-directions[:, 1], directions[:, 0], np.zeros(len(corners))])
