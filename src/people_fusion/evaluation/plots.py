@@ -7,13 +7,14 @@ diamonds mismatches, grey is truth.
 from __future__ import annotations
 
 import io
-from typing import Any, Dict, Mapping, Optional, Tuple
+from typing import Any, Dict, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Ellipse
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 from matplotlib.transforms import Affine2D
 
@@ -30,11 +31,13 @@ _MISS = "#d62728"
 _FALSE = "#7b3fb5"
 _MISMATCH = "#ff8c00"
 _BAND = "#cfe8cf"
+_CONFIRMED = "#1f77b4"
 _TRACKS = (
     *("#1f77b4", "#2ca02c", "#8c564b", "#17becf", "#e377c2", "#556b2f", "#003f8a", "#b8860b"),
     *("#008080", "#5f9ea0", "#a0522d", "#6b8e23", "#4169e1", "#c71585", "#2f4f4f", "#9acd32"),
 )  # fmt: skip
 _LEAST_NEES = 0.01  # what is less is drawn there
+_AROUND_M = 2.0  # what is shown about a missed person at least
 _LONG_GAP = 3.0  # median periods; nothing is drawn across what is longer
 # Unknown, free, occupied.
 _MAP_COLOURS = ListedColormap(["#eef0f2", "#ffffff", "#4d4d4d"])
@@ -237,6 +240,74 @@ def plot_nees(truth: Truth, evaluation: Evaluation) -> Figure:
     return figure
 
 
+class Scene(NamedTuple):
+    """What was there at one instant, positions in metres in the tracks' frame.
+
+    Attributes:
+        hits: (H, 2) where the scanners' beams ended.
+        scanners: (C, 2) where they stood.
+        detections: (D, 2) of all cues, with `confidences` (D,).
+        tracks: (T, 2), with `existence` (T,), `confirmed` (T,) and `covariances` (T, 2, 2).
+    """
+
+    hits: np.ndarray
+    scanners: np.ndarray
+    detections: np.ndarray
+    confidences: np.ndarray
+    tracks: np.ndarray
+    existence: np.ndarray
+    confirmed: np.ndarray
+    covariances: np.ndarray
+
+
+def plot_miss(
+    scene: Scene, people: np.ndarray, missed: int, title: str, threshold_m: float, grid: Optional[OccupancyGrid] = None
+) -> Figure:
+    """One person who was missed, with all that was seen about him.
+
+    Args:
+        scene: at that instant.
+        people: (P, 2) annotated.
+        missed: which of these it is about.
+        title: of the picture.
+        threshold_m: largest distance of a match, drawn about the person.
+        grid: map in the tracks' frame, or None.
+    """
+    place = people[missed]
+    seen = np.vstack([place - _AROUND_M, place + _AROUND_M, scene.scanners])
+    figure, axes = _ground(seen.min(axis=0) - 0.3, seen.max(axis=0) + 0.3, grid)
+    axes.plot(*scene.hits.T, linestyle="none", marker=".", markersize=2.5, color="#555555", zorder=1)
+    axes.plot(*scene.scanners.T, linestyle="none", marker="^", markersize=9, color="black", zorder=2)
+    axes.plot(*people.T, linestyle="none", marker="o", markersize=9, markerfacecolor="none", color=_TRUTH, zorder=4)
+    axes.plot(*place, linestyle="none", **{**_EVENT_STYLES[Event.MISS], "markersize": 9})
+    axes.add_patch(Circle(tuple(place), threshold_m, fill=False, linestyle="--", color=_MISS, linewidth=0.9))
+    axes.plot(*scene.detections.T, linestyle="none", marker="+", markersize=8, color=_MISMATCH, zorder=3)
+    for point, confidence in zip(scene.detections, scene.confidences):
+        _note(axes, point, f"{confidence:.2f}", _MISMATCH, (4, -9))
+    for point, existence, covariance, confirmed in zip(
+        scene.tracks, scene.existence, scene.covariances, scene.confirmed
+    ):
+        colour = _CONFIRMED if confirmed else _FALSE
+        variances, axes_of = np.linalg.eigh(covariance)
+        width, height = 2.0 * np.sqrt(np.maximum(variances, 0.0))
+        angle = float(np.degrees(np.arctan2(axes_of[1, 0], axes_of[0, 0])))
+        axes.add_patch(Ellipse(tuple(point), width, height, angle=angle, fill=False, color=colour, linewidth=1.2))
+        axes.plot(*point, linestyle="none", marker=".", markersize=5, color=colour, zorder=4)
+        _note(axes, point, f"{existence:.2f}", colour, (4, 5))
+    axes.set_title(title, fontsize=9, loc="left", pad=20)
+    styles = (
+        ("hits", ".", "#555555"),
+        ("scanner", "^", "black"),
+        ("annotated", "o", _TRUTH),
+        ("missed", "x", _MISS),
+        ("detection, confidence", "+", _MISMATCH),
+        ("reported track, existence", ".", _CONFIRMED),
+        ("other track", ".", _FALSE),
+    )
+    _legend(axes, [Line2D([], [], linestyle="none", marker=m, color=c, label=name) for name, m, c in styles])
+    return figure
+
+
 def plot_average_nees(seconds: np.ndarray, averages: Mapping[str, np.ndarray], dimension: int, runs: int) -> Figure:
     """NEES over time, averaged over independent runs, of several treatments.
 
@@ -304,6 +375,13 @@ def _draw_paths(axes: Any, places: np.ndarray, estimates: Estimates) -> None:
         rows = estimates.ids == track
         path = _broken(places[estimates.frames[rows]], *estimates.points[rows].T)
         axes.plot(*path, color=colour, linewidth=1.4, marker=".", markersize=2.5, zorder=3)
+
+
+def _note(axes: Any, point: np.ndarray, text: str, colour: str, offset: Tuple[int, int]) -> None:
+    """A number beside a point, if that is in the picture."""
+    axes.annotate(
+        text, tuple(point), xytext=offset, textcoords="offset points", color=colour, fontsize=7, annotation_clip=True
+    )
 
 
 def _legend(axes: Any, handles: Any) -> None:

@@ -17,9 +17,11 @@ from people_fusion.core.errors import ConfigError
 from people_fusion.evaluation.clear_mot import THRESHOLD_M
 from people_fusion.evaluation.report import run_report, unscored_report
 from people_fusion.replay.discovery import Sources
+from people_fusion.replay.misses import Scenes, save_misses
 from people_fusion.replay.replay import Outcome, Selection, replay
 from people_fusion.replay.results import figures, guarded, positive, print_scores, save_report, settings, write_json
 from people_fusion.replay.sampling import Sightings
+from people_fusion.replay.session import Session, Update
 from people_fusion.tracking.fusion import load_config
 
 ARRIVALS = ("scans", "scans processed")
@@ -64,6 +66,13 @@ def run(options: argparse.Namespace, notes: Console) -> None:
 
         wall_s, cpu_s = time.perf_counter(), time.process_time()
         sightings = Sightings() if options.report is not None else None
+        scenes = Scenes() if options.misses is not None else None
+
+        def watch(session: Session, update: Update) -> None:
+            for watcher in (sightings, scenes):
+                if watcher is not None:
+                    watcher.watch(session, update)
+
         outcome = replay(
             options.bag,
             config,
@@ -71,7 +80,7 @@ def run(options: argparse.Namespace, notes: Console) -> None:
             options.out,
             found,
             progress=lambda seconds: bar.update(task, completed=seconds),
-            watch=None if sightings is None else sightings.watch,
+            watch=watch,
             processing_s=processing_times(options.processing),
         )
         wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
@@ -94,6 +103,9 @@ def run(options: argparse.Namespace, notes: Console) -> None:
     if sightings is not None:
         title, said = f"{options.bag.stem}, {name}", [*outcome.sources.notes, _lines(outcome, result)[0]]
         save_report(options.report, _report(title, outcome, sightings, settings(config), said))
+    if scenes is not None:
+        for line in save_misses(options.misses, outcome, scenes):
+            print(line)
 
 
 def overrides(settings: List[str]) -> Dict[str, Any]:
@@ -182,6 +194,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--out", type=Path, metavar="BAG", help="write detections and tracks")
     add("--json", type=Path, metavar="FILE", help="write the table")
     add("--report", type=Path, metavar="DIR", help="write an HTML report with plots")
+    add("--misses", type=Path, metavar="DIR", help="draw people who were missed, with all that was seen about them")
     add("--only-annotated", action="store_true", help="not everybody is annotated: count no false positives")
     add("--threshold", type=float, default=THRESHOLD_M, metavar="M", help="largest distance of a match, default 0.5")
     return parser

@@ -87,7 +87,7 @@ class Sightings:
             self._next_ns = measurement.stamp_ns + HITS_EVERY_NS
             with suppress(TransformUnavailable):
                 pose = session.transforms.lookup(tracks.frame_id, measurement.frame_id, measurement.stamp_ns)
-                self._hits.append(pose.apply(_hits(measurement.sight))[:, :2])
+                self._hits.append(pose.apply(hits_of(measurement.sight))[:, :2])
 
     def result(self) -> Tuple[Truth, Estimates, np.ndarray]:
         """Frames without people, the reported people at these, and (N, 2) hits in the world frame, metres."""
@@ -96,7 +96,7 @@ class Sightings:
         return frames, Estimates.from_tracks(self._tracks), np.concatenate(self._hits)
 
 
-def _hits(sight: Sight) -> np.ndarray:
+def hits_of(sight: Sight) -> np.ndarray:
     """(N, 3) where the scanner's view ended."""
     ended = np.flatnonzero(sight.ranges < sight.range_max)  # false for NaN
     angles = sight.yaw + sight.angle_min + sight.angle_increment * ended
