@@ -11,11 +11,11 @@ from collections import Counter
 from dataclasses import dataclass
 from heapq import merge
 from itertools import islice
-from typing import Dict, Iterator, List, NamedTuple, Tuple
+from typing import Dict, Iterator, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
-from people_fusion.association.k_best import ranked_assignments, ranked_subsets, with_choices
+from people_fusion.association.k_best import announced_assignments, ranked_subsets, with_choices
 from people_fusion.core.config import parameter
 from people_fusion.core.errors import ConfigError
 from people_fusion.filtering.kalman import predict, update
@@ -40,6 +40,7 @@ class MhtConfig:
     acceleration_std: float = parameter(15.0, "of a leg, which swings and stops at each step, m/s^2", low=0.0)
     initial_speed_std: float = parameter(1.0, "of a new track, m/s", low=0.0)
     max_hypotheses: int = parameter(50, "best children that are kept of all parents together", low=1)
+    max_legs: int = parameter(100, "of one scan that are looked at, those that fit a track best", low=1)
     min_ratio: float = parameter(1e-4, "less probable hypotheses than this share of the best are dropped", 0.0, 1.0)
     scan_back: int = parameter(8, "scans after which one branch is decided for", low=1)
 
@@ -118,19 +119,37 @@ class Forest(NamedTuple):
         return total
 
 
+class _Costs(NamedTuple):
+    """Negative logarithms of the factors of eq. 15 for one scan.
+
+    Attributes:
+        missed: (T,) a track is occluded or deleted, whichever is likelier.
+        alone: a measurement is new or false, whichever is likelier.
+        pairs: (T, M) a measurement is of a track, more than `missed` and `alone`; infinite outside of the gate.
+        flips: (T + M,) the other of both labels, more than the likelier one; infinite where there is no other.
+        deleted: (T,) whether deleted is the likelier.
+    """
+
+    missed: np.ndarray
+    alone: float
+    pairs: np.ndarray
+    flips: np.ndarray
+    deleted: np.ndarray
+
+
 class _Child(NamedTuple):
     """What becomes of one hypothesis.
 
     Attributes:
         cost: negative logarithm of the probability, but for a constant.
         parent: place of the hypothesis that it comes from.
-        columns: (M,) of each measurement: place of its track among the parent's, or that many and more: none.
-        flips: columns that are not what is likelier: of occluded and deleted, of new and false.
+        matched: (M,) track of each measurement, or NONE.
+        flips: what does not have its likelier label: tracks, and measurements as T and more.
     """
 
     cost: float
     parent: int
-    columns: np.ndarray
+    matched: np.ndarray
     flips: Tuple[int, ...]
 
 
@@ -157,6 +176,7 @@ class MultiHypothesisTracker:
             True: np.log([config.approved_p_detected, config.approved_p_occluded, config.approved_p_deleted]),
         }
         self._log_new, self._log_false = float(np.log(config.new_rate)), float(np.log(config.false_rate))
+        self._span = -float(np.log(config.min_ratio)) if config.min_ratio else np.inf
 
     def predict(self, forest: Forest, duration_s: float) -> Forest:
         """All tracks by constant velocity (3.1)."""
@@ -194,88 +214,115 @@ class MultiHypothesisTracker:
         innovations = positions[None] - tracks.means[:, None, :2]
         spreads = tracks.covariances[:, None, :2, :2] + covariances[None]
         log_pair = _log_densities(innovations, spreads, self.config.gate) + labels[:, :1]
-        children = self._children(forest, log_pair, labels, len(positions))
-        return self._pruned(self._with_tracks(forest, children, stamp_ns, positions, covariances, identities, labels))
+        taken = self._taken(log_pair)
+        costs = self._costs(log_pair[:, taken], labels)
+        children = self._children(forest, costs)
+        keys, members = self._members(forest, children, costs)
+        leaves = self._tracks(tracks, keys, stamp_ns, positions[taken], covariances[taken], identities[taken])
+        number = forest.next_hypothesis
+        hypotheses = []
+        for child, rows in zip(children, members):
+            ancestors = (*forest.hypotheses[child.parent].ancestors, number)[-self.config.scan_back - 1 :]
+            hypotheses.append(Hypothesis(-child.cost, tuple(rows.tolist()), ancestors))
+            number += 1
+        return self._pruned(Forest(leaves, tuple(hypotheses), number))
 
-    def _children(self, forest: Forest, log_pair: np.ndarray, labels: np.ndarray, count: int) -> List[_Child]:
-        """The best over all parents."""
-        families = [
-            self._family(place, parent, log_pair, labels, count) for place, parent in enumerate(forest.hypotheses)
-        ]
-        best = list(islice(merge(*families), self.config.max_hypotheses + 1))
-        if len(best) > self.config.max_hypotheses:
-            self.counts["hypotheses shed: too many"] += 1
-        return [child for _, _, child in best[: self.config.max_hypotheses]]
+    def _taken(self, log_pair: np.ndarray) -> np.ndarray:
+        """Which measurements are looked at: where there are too many, those that fit a track best."""
+        count = log_pair.shape[1]
+        if count <= self.config.max_legs:
+            return np.arange(count)
+        self.counts["legs shed: too many"] += count - self.config.max_legs
+        fit = log_pair.max(axis=0, initial=-np.inf)
+        return np.sort(np.argsort(-fit, kind="stable")[: self.config.max_legs])
+
+    def _costs(self, log_pair: np.ndarray, labels: np.ndarray) -> _Costs:
+        missed, alone = -labels[:, 1:].max(axis=1), -max(self._log_new, self._log_false)
+        either = np.full(log_pair.shape[1], abs(self._log_new - self._log_false))
+        flips = np.append(np.abs(labels[:, 1] - labels[:, 2]), either)
+        return _Costs(missed, alone, -log_pair - missed[:, None] - alone, flips, labels[:, 2] > labels[:, 1])
+
+    def _children(self, forest: Forest, costs: _Costs) -> List[_Child]:
+        """The best over all parents, the best first; those that are too improbable beside it are never made (3.3.2)."""
+        families = [self._family(place, parent, costs) for place, parent in enumerate(forest.hypotheses)]
+        best: List[_Child] = []
+        for cost, _, child in merge(*families):
+            if best and cost > best[0].cost + self._span:
+                break
+            if child is None:
+                continue
+            if len(best) == self.config.max_hypotheses:
+                self.counts["hypotheses shed: too many"] += 1
+                break
+            best.append(child)
+        return best
 
     def _family(
-        self, place: int, parent: Hypothesis, log_pair: np.ndarray, labels: np.ndarray, count: int
-    ) -> Iterator[Tuple[float, Tuple[int, int], _Child]]:
-        """Children of one hypothesis in order of cost.
+        self, place: int, parent: Hypothesis, costs: _Costs
+    ) -> Iterator[Tuple[float, Tuple[int, int], Optional[_Child]]]:
+        """Children of one hypothesis in order of cost; None announces that nothing cheaper follows.
 
         Which measurement is of which track is an assignment. What is left to choose is independent of it: an
         unassigned track is occluded or deleted, an unassigned measurement new or false. The likelier of both is part
-        of the assignment's cost, the other a flip.
+        of every assignment's cost, the other a flip.
         """
         rows = np.array(parent.tracks, dtype=int)
-        missed = -labels[rows, 1:].max(axis=1, initial=-np.inf)
-        own = -max(self._log_new, self._log_false)
-        costs = np.full((count, len(rows) + count), np.inf)
-        costs[:, : len(rows)] = -log_pair[rows].T - missed
-        costs[np.arange(count), len(rows) + np.arange(count)] = own
-        base = float(missed.sum()) - parent.log_p
-        flip_track = np.abs(labels[rows, 1] - labels[rows, 2])
-        flip_measurement = abs(self._log_new - self._log_false)
+        pairs = costs.pairs[rows]
+        count = pairs.shape[1]
+        base = float(costs.missed[rows].sum()) + count * costs.alone - parent.log_p
+        # Each measurement by itself: most parents need not be solved.
+        yield base + float(pairs.min(axis=0, initial=0.0).sum()), (place, -1), None
+        gated = np.isfinite(pairs)
+        near, inside = np.flatnonzero(gated.any(axis=1)), np.flatnonzero(gated.any(axis=0))
+        matrix = np.full((len(inside), len(near) + len(inside)), np.inf)
+        matrix[:, : len(near)] = pairs[near[:, None], inside].T
+        matrix[np.arange(len(inside)), len(near) + np.arange(len(inside))] = 0.0
+        track_of = np.append(rows[near], np.full(len(inside), NONE))
 
-        def choices(columns: np.ndarray) -> Iterator[Tuple[float, Tuple[int, ...]]]:
-            items = [column for column in range(len(rows)) if column not in columns]
-            items = [item for item in items if np.isfinite(flip_track[item])]
-            prices = [float(flip_track[item]) for item in items]
-            alone = [int(column) for column in columns if column >= len(rows)]
-            every = items + alone
-            prices += [flip_measurement] * len(alone)
-            return ((extra, tuple(every[item] for item in chosen)) for extra, chosen in ranked_subsets(prices))
+        def choices(matched: np.ndarray) -> Iterator[Tuple[float, Tuple[int, ...]]]:
+            yield 0.0, ()
+            left = np.append(np.setdiff1d(rows, matched), len(costs.missed) + np.flatnonzero(matched == NONE))
+            left = left[np.isfinite(costs.flips[left])]
+            subsets = islice(ranked_subsets(costs.flips[left].tolist()), 1, None)
+            yield from ((extra, tuple(left[list(chosen)].tolist())) for extra, chosen in subsets)
 
-        ordered = with_choices(ranked_assignments(costs), choices)
-        for turn, (cost, columns, flips) in enumerate(ordered):
-            yield cost + base, (place, turn), _Child(cost + base, place, columns, flips)
+        def matches() -> Iterator[Tuple[float, Optional[np.ndarray]]]:
+            for cost, columns in announced_assignments(matrix):
+                matched = np.full(count, NONE)
+                if columns is not None:
+                    matched[inside] = track_of[columns]
+                yield base + cost, None if columns is None else matched
 
-    def _with_tracks(
-        self,
-        forest: Forest,
-        children: List[_Child],
-        stamp_ns: int,
-        positions: np.ndarray,
-        covariances: np.ndarray,
-        identities: np.ndarray,
-        labels: np.ndarray,
-    ) -> Forest:
-        """Children as hypotheses over the tracks that they need, each of these made once."""
-        rows: Dict[Tuple[int, int], int] = {}  # (track or NONE, measurement or NONE) -> row of the new table
-        new_is_likelier = self._log_new > self._log_false
-        hypotheses: List[Hypothesis] = []
-        number = forest.next_hypothesis
-        for child in children:
-            parent = forest.hypotheses[child.parent]
-            count, flips = len(parent.tracks), set(child.flips)
-            measured = {int(column): place for place, column in enumerate(child.columns) if column < count}
-            members: List[int] = []
-            for column, track in enumerate(parent.tracks):
-                if column in measured:
-                    key = (track, measured[column])
-                elif (labels[track, 2] > labels[track, 1]) != (column in flips):
-                    continue  # deleted
-                else:
-                    key = (track, NONE)
-                members.append(rows.setdefault(key, len(rows)))
-            for place, column in enumerate(child.columns.tolist()):
-                if column >= count and new_is_likelier != (column in flips):
-                    members.append(rows.setdefault((NONE, place), len(rows)))
-            ancestors = (*parent.ancestors, number)[-self.config.scan_back - 1 :]
-            hypotheses.append(Hypothesis(-child.cost, tuple(members), ancestors))
-            number += 1
-        keys = np.array(list(rows), dtype=int).reshape(-1, 2)
-        tracks = self._tracks(forest.tracks, keys, stamp_ns, positions, covariances, identities)
-        return Forest(tracks, tuple(hypotheses), number)
+        ordered = with_choices(matches(), choices)
+        for turn, (cost, matched, flips) in enumerate(ordered):
+            child = None if matched is None or flips is None else _Child(cost, place, matched, flips)
+            yield cost, (place, turn), child
+
+    def _members(
+        self, forest: Forest, children: List[_Child], costs: _Costs
+    ) -> Tuple[np.ndarray, List[np.ndarray]]:
+        """Each (track or NONE, measurement or NONE) that a child consists of, once; and the rows of each child's."""
+        count, measurements = costs.pairs.shape
+        there = np.zeros((len(children), count + measurements), dtype=bool)  # tracks, then those that begin
+        for row, child in zip(there, children):
+            row[list(forest.hypotheses[child.parent].tracks)] = True
+        there[:, :count] &= ~costs.deleted
+        there[:, count:] = self._log_new > self._log_false
+        flipped = [(place, item) for place, child in enumerate(children) for item in child.flips]
+        place, item = np.array(flipped, dtype=int).reshape(-1, 2).T
+        there[place, item] ^= True
+        matched = np.stack([child.matched for child in children])
+        place, measurement = np.nonzero(matched != NONE)
+        track = matched[place, measurement]
+        there[place, track], there[place, count + measurement] = True, False
+        seen = np.full(there.shape, NONE)
+        seen[:, count:] = np.arange(measurements)
+        seen[place, track] = measurement
+        place, column = np.nonzero(there)
+        codes, rows = np.unique(column * (measurements + 1) + seen[there] - NONE, return_inverse=True)
+        column, measurement = np.divmod(codes, measurements + 1)
+        keys = np.column_stack([np.where(column < count, column, NONE), measurement + NONE])
+        return keys, np.split(rows, np.cumsum(there.sum(axis=1))[:-1])
 
     def _tracks(
         self,
@@ -311,12 +358,8 @@ class MultiHypothesisTracker:
         return LegTracks(ids, means, spreads, born, seen)
 
     def _pruned(self, forest: Forest) -> Forest:
-        """Improbable hypotheses and all but one old branch are dropped, then what no hypothesis holds (3.3.2)."""
-        hypotheses = list(forest.hypotheses)
-        best = max(entry.log_p for entry in hypotheses)
-        with np.errstate(divide="ignore"):
-            least = best + np.log(self.config.min_ratio)
-        kept = [entry for entry in hypotheses if entry.log_p >= least]
+        """All but one old branch is dropped, then what no hypothesis holds (3.3.2)."""
+        kept, best = list(forest.hypotheses), forest.hypotheses[0].log_p
         if len(kept[0].ancestors) > self.config.scan_back:
             masses: Dict[int, float] = {}
             for entry in kept:
@@ -330,7 +373,6 @@ class MultiHypothesisTracker:
             Hypothesis(float(entry.log_p - total), tuple(place[row] for row in entry.tracks), entry.ancestors)
             for entry in kept
         ]
-        kept.sort(key=lambda entry: -entry.log_p)
         return Forest(forest.tracks.take(np.array(used, dtype=int)), tuple(kept), forest.next_hypothesis)
 
 
