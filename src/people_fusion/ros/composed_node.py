@@ -18,7 +18,8 @@ class ComposedSettings(PeopleTrackerSettings, LegCueSettings):
 def _build(settings: ComposedSettings, config: FusionConfig) -> Node:
     node = Node(config, settings.scans)
     tracker = PeopleTracker(node, settings, config)
-    LegCues(node, settings, config, deliver=tracker.receive)
+    cues = LegCues(node, settings, config, deliver=tracker.receive, ears=1)
+    tracker.listen(own=cues.names)
     return node
 
 

@@ -7,7 +7,7 @@ import time
 import traceback
 from collections import deque
 from dataclasses import dataclass
-from typing import Any, Deque, Dict, List, NamedTuple, Optional, Tuple, Union
+from typing import Any, Deque, Dict, FrozenSet, List, NamedTuple, Optional, Tuple, Union
 
 import rospy
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -80,6 +80,7 @@ class PeopleTracker(Part):
         )
         self._outputs = TrackOutputs(node.source, config.frames, settings.compatible, self._fusion.buffer.revisable)
         self._intake = Intake(INTAKE, 2 * MOST_CUES)
+        self._own: FrozenSet[str] = frozenset()
         self._ahead_ns = from_seconds(self._fusion.buffer.config.ahead_s)
         self._due_ns: Optional[int] = None
         self._waits_for_transforms = False
@@ -101,8 +102,9 @@ class PeopleTracker(Part):
         node.parts.append(self)
         threading.Thread(target=self._work, name="tracker", daemon=True).start()
 
-    def listen(self) -> None:
-        """Take measurements and their announcements from the cues of other processes."""
+    def listen(self, own: FrozenSet[str] = frozenset()) -> None:
+        """Take measurements and their announcements from the cues of other processes: all but `own`."""
+        self._own = own
         subscribe = self._node.subscribe
         subscribe(topics.ANNOUNCEMENTS, MeasurementAnnouncement, self._on_announcement, ANNOUNCEMENT_QUEUE, 1 << 20)
         subscribe(topics.DETECTIONS, DetectedPersons, self._on_detections, DETECTION_QUEUE, 1 << 20)
@@ -231,12 +233,16 @@ class PeopleTracker(Part):
         }
 
     def _on_announcement(self, message: Any) -> None:
+        if message.cue in self._own:
+            return
         announcement = announcement_from_msg(message)
         if not announcement.withdrawn:
             self._admit(ANNOUNCED + announcement.cue, announcement.stamp_ns)
         self.receive(announcement)
 
     def _on_detections(self, message: Any) -> None:
+        if message.cue in self._own:
+            return
         self._node.diagnostics.heard(topics.DETECTIONS)
         measurement = measurement_from_msg(message)
         self._admit(measurement.cue, measurement.stamp_ns)
