@@ -8,11 +8,13 @@ from typing import Callable, Dict, List, NamedTuple, Optional, Set, Tuple
 
 import numpy as np
 
-from people_fusion.core.config import parameter
+from people_fusion.core.config import parameter, section
 from people_fusion.core.stamps import from_seconds
 from people_fusion.filtering.kalman import predict
-from people_fusion.tracking.leg_hypotheses import LegTracks, constant_velocity
+from people_fusion.filtering.motion_models.damped_velocity import DampedVelocity, DampedVelocityConfig
+from people_fusion.tracking.leg_hypotheses import LegTracks
 
+PLANE = (0, 1, 3, 4)  # of x y z vx vy
 Pair = Tuple[int, int]  # identities of two legs, the lower first
 
 
@@ -37,8 +39,8 @@ class PeopleConfig:
     together_s: float = parameter(
         0.3, "after which a leg that is not seen may be anywhere within a step of the one that is, seconds", low=1e-3
     )
-    body_acceleration_std: float = parameter(3.0, "of a person of whom a leg is not seen, m/s^2", low=0.0)
     body_std: float = parameter(0.05, "of the body's middle about the middle of its legs, by axis, metres", low=0.0)
+    hidden_motion: DampedVelocityConfig = section(DampedVelocityConfig, "of legs of people that are not seen")
 
 
 class Person(NamedTuple):
@@ -160,8 +162,8 @@ def accompany(
     By itself a track that is not seen is soon anywhere, with the noise of a leg that swings, and what it becomes again
     is a new one. But legs are at c + h and c - h with the half step h ~ N(0, H). So a leg x beside one that is seen, a,
     is an Ornstein-Uhlenbeck process about it, x - a -> N(0, 4 H), which neither sharpens with each scan nor spreads
-    without bounds, and tells nothing of a. Of two that are not seen both go with their mean velocity; in either case
-    the noise is a body's.
+    without bounds, and tells nothing of a. Two that are not seen go with their mean velocity. Both move as a body
+    does, whose velocity is not forgotten as soon as a leg's.
 
     Args:
         before: tracks at the last scan.
@@ -174,7 +176,9 @@ def accompany(
     """
     row = {int(before.ids[place]): place for place in best}
     means, covariances = ahead.means.copy(), ahead.covariances.copy()
-    transition, noise = constant_velocity(duration_s, config.body_acceleration_std)
+    transition, noise = (
+        matrix[np.ix_(PLANE, PLANE)] for matrix in DampedVelocity(config.hidden_motion).transition(duration_s)
+    )
     kept, step = float(np.exp(-duration_s / config.together_s)), 4.0 * _half_step(config)
     for person in people.persons:
         for leg, other in permutations(person.legs, 2):
