@@ -133,7 +133,7 @@ class _Costs(NamedTuple):
     missed: np.ndarray
     alone: float
     pairs: np.ndarray
-    flips: np.ndarray
+    flips: List[float]
     deleted: np.ndarray
 
 
@@ -238,8 +238,8 @@ class MultiHypothesisTracker:
 
     def _costs(self, log_pair: np.ndarray, labels: np.ndarray) -> _Costs:
         missed, alone = -labels[:, 1:].max(axis=1), -max(self._log_new, self._log_false)
-        either = np.full(log_pair.shape[1], abs(self._log_new - self._log_false))
-        flips = np.append(np.abs(labels[:, 1] - labels[:, 2]), either)
+        flips = np.abs(labels[:, 1] - labels[:, 2]).tolist()
+        flips += [abs(self._log_new - self._log_false)] * log_pair.shape[1]
         return _Costs(missed, alone, -log_pair - missed[:, None] - alone, flips, labels[:, 2] > labels[:, 1])
 
     def _children(self, forest: Forest, costs: _Costs) -> List[_Child]:
@@ -273,25 +273,28 @@ class MultiHypothesisTracker:
         # Each measurement by itself: most parents need not be solved.
         yield base + float(pairs.min(axis=0, initial=0.0).sum()), (place, -1), None
         gated = np.isfinite(pairs)
-        near, inside = np.flatnonzero(gated.any(axis=1)), np.flatnonzero(gated.any(axis=0))
-        matrix = np.full((len(inside), len(near) + len(inside)), np.inf)
+        near, inside = gated.any(axis=1).nonzero()[0], gated.any(axis=0).nonzero()[0]
+        track_of = np.full(len(near) + len(inside), NONE)
+        track_of[: len(near)] = rows[near]
+        matrix = np.full((len(inside), len(track_of)), np.inf)
         matrix[:, : len(near)] = pairs[near[:, None], inside].T
         matrix[np.arange(len(inside)), len(near) + np.arange(len(inside))] = 0.0
-        track_of = np.append(rows[near], np.full(len(inside), NONE))
-
-        def choices(matched: np.ndarray) -> Iterator[Tuple[float, Tuple[int, ...]]]:
-            yield 0.0, ()
-            left = np.append(np.setdiff1d(rows, matched), len(costs.missed) + np.flatnonzero(matched == NONE))
-            left = left[np.isfinite(costs.flips[left])]
-            subsets = islice(ranked_subsets(costs.flips[left].tolist()), 1, None)
-            yield from ((extra, tuple(left[list(chosen)].tolist())) for extra, chosen in subsets)
 
         def matches() -> Iterator[Tuple[float, Optional[np.ndarray]]]:
             for cost, columns in announced_assignments(matrix):
-                matched = np.full(count, NONE)
+                matched = None
                 if columns is not None:
+                    matched = np.full(count, NONE)
                     matched[inside] = track_of[columns]
-                yield base + cost, None if columns is None else matched
+                yield base + cost, matched
+
+        def choices(matched: np.ndarray) -> Iterator[Tuple[float, Tuple[int, ...]]]:
+            yield 0.0, ()
+            taken = set(matched.tolist())
+            left = [track for track in parent.tracks if track not in taken and costs.flips[track] < np.inf]
+            left += [len(costs.pairs) + row for row, track in enumerate(matched.tolist()) if track == NONE]
+            for extra, chosen in islice(ranked_subsets([costs.flips[item] for item in left]), 1, None):
+                yield extra, tuple(left[place] for place in chosen)
 
         ordered = with_choices(matches(), choices)
         for turn, (cost, matched, flips) in enumerate(ordered):
