@@ -294,7 +294,7 @@ def plot_miss(
         axes.add_patch(Ellipse(tuple(point), width, height, angle=angle, fill=False, color=colour, linewidth=1.2))
         axes.plot(*point, linestyle="none", marker=".", markersize=5, color=colour, zorder=4)
         _note(axes, point, f"{existence:.2f}", colour, (4, 5))
-    axes.set_title(title, fontsize=9, loc="left", pad=20)
+    figure.suptitle(title, fontsize=9)
     styles = (
         ("hits", ".", "#555555"),
         ("scanner", "^", "black"),
@@ -381,7 +381,7 @@ def _note(axes: Any, point: np.ndarray, text: str, colour: str, offset: Tuple[in
     """A number beside a point, if that is in the picture."""
     axes.annotate(
         text, tuple(point), xytext=offset, textcoords="offset points", color=colour, fontsize=7, annotation_clip=True
-    )
+    ).set_in_layout(False)
 
 
 def _legend(axes: Any, handles: Any) -> None:
