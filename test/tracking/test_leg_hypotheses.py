@@ -14,18 +14,16 @@ R = 0.05**2 * np.eye(2)
 DT = 0.1
 
 
-def grow(tracker, forest, step, positions, approved=None, in_view=None):
+def grow(tracker, forest, step, positions, approved=lambda _: False):
     positions = np.asarray(positions, dtype=float).reshape(-1, 2)
     forest = tracker.predict(forest, DT if step else 0.0)
-    count = len(forest.tracks.ids)
     return tracker.grow(
         forest,
         step * 10**8,
         positions,
         np.tile(R, (len(positions), 1, 1)),
         100 * (step + 1) + np.arange(len(positions)),
-        np.zeros(count, bool) if approved is None else approved(forest.tracks.ids),
-        np.ones(count, bool) if in_view is None else in_view,
+        np.array([approved(name) for name in forest.tracks.ids.tolist()], dtype=int),
     )
 
 
@@ -151,15 +149,6 @@ def test_a_leg_keeps_its_identity_through_an_occlusion():
         forest = grow(tracker, forest, step, [] if 15 <= step < 17 else [(0.05 * step, 0.0)])
     rows = list(forest.hypotheses[0].tracks)
     assert len(rows) == 1 and forest.tracks.born_ns[rows[0]] < 3 * 10**8
-
-
-def test_what_the_sensor_does_not_look_at_is_not_deleted():
-    tracker, forest = MultiHypothesisTracker(MhtConfig()), Forest.seed()
-    for step in range(10):
-        forest = grow(tracker, forest, step, [(0.0, 0.0)])
-    for step in range(10, 30):
-        forest = grow(tracker, forest, step, [], in_view=np.zeros(len(forest.tracks.ids), bool))
-    assert forest.marginals().max() > 0.99
 
 
 def test_empty_scans_leave_an_empty_forest():

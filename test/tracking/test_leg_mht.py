@@ -5,7 +5,7 @@ import pytest
 
 from people_fusion.core.config import parse
 from people_fusion.core.measurements import Measurement
-from people_fusion.tracking.leg_hypotheses import LegTracks
+from people_fusion.tracking.leg_hypotheses import APPROVED, BESIDE, FREE, LegTracks
 from people_fusion.tracking.people_from_legs import People, PeopleConfig, Person, bodies, recognise
 from people_fusion.tracking.tracker import TRACKERS
 
@@ -33,7 +33,9 @@ def test_legs_that_are_near_and_move_alike_are_a_person():
     assert not walk(People.nobody(), 6, *pair).persons
     people = walk(People.nobody(), 8, *pair)
     assert [person.legs for person in people.persons] == [(1, 2)]
-    assert people.approved(np.array([1, 2, 3]), 0).tolist() == [True, True, False]
+    three = legs(*pair, (3, 0.5, 0.3, 0.0, 0.0), (4, 3.0, 0.0, 0.0, 0.0))
+    assert people.kinds(three, 0, CONFIG).tolist() == [APPROVED, APPROVED, BESIDE, FREE]
+    assert people.kinds(three, round(1e10), CONFIG).tolist() == [FREE] * 4
 
 
 @pytest.mark.parametrize(

@@ -22,6 +22,7 @@ from people_fusion.filtering.kalman import predict, update
 
 OBSERVATION = np.eye(2, 4)
 NONE = -1  # no measurement: the track is occluded
+FREE, APPROVED, BESIDE = range(3)  # no leg of a person; one; free, but within reach of one (beyond the paper)
 
 
 @dataclass(frozen=True)
@@ -171,10 +172,10 @@ class MultiHypothesisTracker:
     def __init__(self, config: MhtConfig) -> None:
         self.config = config
         self.counts: Counter = Counter()
-        self._log = {
-            False: np.log([config.p_detected, config.p_occluded, config.p_deleted]),
-            True: np.log([config.approved_p_detected, config.approved_p_occluded, config.approved_p_deleted]),
-        }
+        free = [config.p_detected, config.p_occluded, config.p_deleted]
+        approved = [config.approved_p_detected, config.approved_p_occluded, config.approved_p_deleted]
+        beside = [config.approved_p_detected, 1.0 - config.approved_p_detected - config.p_deleted, config.p_deleted]
+        self._log = np.log([free, approved, np.maximum(beside, 1e-9)])
         self._log_new, self._log_false = float(np.log(config.new_rate)), float(np.log(config.false_rate))
         self._span = -float(np.log(config.min_ratio)) if config.min_ratio else np.inf
 
@@ -194,8 +195,7 @@ class MultiHypothesisTracker:
         positions: np.ndarray,
         covariances: np.ndarray,
         identities: np.ndarray,
-        approved: np.ndarray,
-        in_view: np.ndarray,
+        kinds: np.ndarray,
     ) -> Forest:
         """The best children of all hypotheses by eq. 15, pruned.
 
@@ -205,12 +205,10 @@ class MultiHypothesisTracker:
             positions: (M, 2) legs, and their (M, 2, 2) covariances.
             covariances: see positions.
             identities: (M,) that tracks which begin with these measurements get.
-            approved: (T,) whether the track is a leg of a person.
-            in_view: (T,) whether the sensor looks there at all; else nothing is learned of the track.
+            kinds: (T,) FREE, APPROVED or BESIDE.
         """
         tracks = forest.tracks
-        labels = np.where(approved[:, None], self._log[True], self._log[False])  # detected, occluded, deleted
-        labels[~in_view, 1:] = 0.0, -np.inf
+        labels = self._log[kinds]  # detected, occluded, deleted
         innovations = positions[None] - tracks.means[:, None, :2]
         spreads = tracks.covariances[:, None, :2, :2] + covariances[None]
         log_pair = _log_densities(innovations, spreads, self.config.gate) + labels[:, :1]

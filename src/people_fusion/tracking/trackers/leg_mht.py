@@ -10,9 +10,8 @@ import numpy as np
 
 from people_fusion.core.config import parameter, section
 from people_fusion.core.measurements import Measurement
-from people_fusion.core.stamps import from_seconds
 from people_fusion.core.tracks import Tracks
-from people_fusion.tracking.leg_hypotheses import Forest, LegTracks, MhtConfig, MultiHypothesisTracker
+from people_fusion.tracking.leg_hypotheses import FREE, Forest, LegTracks, MhtConfig, MultiHypothesisTracker
 from people_fusion.tracking.people_from_legs import People, PeopleConfig, accompany, bodies, recognise
 from people_fusion.tracking.tracker import TRACKERS, Tracker
 
@@ -77,18 +76,16 @@ class LegMht(Tracker):
         positions = measurement.legs[np.isfinite(measurement.legs).all(axis=1)]
         variance = self.config.leg_std**2 + (age_s * self.config.mht.initial_speed_std) ** 2
         people = self._state.people
-        ids = forest.tracks.ids
-        approved = np.zeros(len(ids), dtype=bool)
+        kinds = np.full(len(forest.tracks.ids), FREE)
         if self.config.adaptive:
-            approved = people.approved(ids, stamp_ns - from_seconds(self.config.people.hidden_s))
+            kinds = people.kinds(forest.tracks, stamp_ns, self.config.people)
         forest = self._mht.grow(
             forest,
             stamp_ns,
             positions,
             np.tile(variance * np.eye(2), (len(positions), 1, 1)),
             np.array([self._identity((*measurement.order, row)) for row in range(len(positions))], dtype=np.int64),
-            approved,
-            np.ones(len(ids), dtype=bool),
+            kinds,
         )
         legs = forest.tracks.take(np.array(forest.hypotheses[0].tracks, dtype=int))
         people = recognise(people, legs, stamp_ns, self.config.people, self._identity)
