@@ -39,10 +39,12 @@ def settings(config: Any) -> Dict[str, Any]:
     for field in dataclasses.fields(config):
         value = getattr(config, field.name)
         registry = field.metadata.get("registry")
-        if registry is not None:
-            mapping[field.name] = {"type": registry.name_of(value), **settings(value)}
-        else:
+        if registry is None:
             mapping[field.name] = settings(value) if dataclasses.is_dataclass(value) else value
+        elif field.metadata.get("many"):
+            mapping[field.name] = {key: {"type": registry.name_of(one), **settings(one)} for key, one in value.items()}
+        else:
+            mapping[field.name] = {"type": registry.name_of(value), **settings(value)}
     return mapping
 
 
