@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import subprocess
+import sys
 from pathlib import Path
 from typing import Iterator, Set, Tuple
 
@@ -137,3 +139,9 @@ def test_scripts_only_import_and_call_main() -> None:
         assert len(source.splitlines()) <= 12, f"{path.name} holds more than an import and a call"
         roots = {name.split(".")[0] for name in imports(SOURCE / path.name, source)}
         assert roots <= {PACKAGE, "sys", "__future__"}, path.name
+
+
+def test_opencv_is_loaded_by_those_alone_who_see_images() -> None:
+    load = "from people_fusion.tracking.fusion import load_config; load_config()"
+    program = f"import sys; {load}; assert 'cv2' not in sys.modules"
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)

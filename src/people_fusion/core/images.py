@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import cv2
 import numpy as np
 
 from people_fusion.core.cameras import Camera
@@ -30,4 +29,8 @@ class Image:
     @cached_property
     def grey(self) -> np.ndarray:
         """(H, W) uint8."""
-        return self.pixels if self.pixels.ndim == 2 else cv2.cvtColor(self.pixels, cv2.COLOR_BGR2GRAY)
+        if self.pixels.ndim == 2:
+            return self.pixels
+        import cv2  # 100 MB: not for those who see no images
+
+        return cv2.cvtColor(self.pixels, cv2.COLOR_BGR2GRAY)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, List, Union
+from typing import Any, ClassVar, List, Union
 
-import cv2
 import numpy as np
 
 from people_fusion.core.config import parameter, section
@@ -125,12 +124,14 @@ class HaarUpperBody(HaarDetector):
     part: ClassVar[str] = "upper_body"
 
 
-def load_cascade(name: str) -> cv2.CascadeClassifier:
-    """A cascade from a file, or one that comes with OpenCV.
+def load_cascade(name: str) -> Any:
+    """A cv2.CascadeClassifier from a file, or one that comes with OpenCV.
 
     Raises:
         ConfigError: there is no such file, or it holds no cascade; names the places that were tried.
     """
+    import cv2  # 100 MB: not for those who see no images
+
     own = getattr(getattr(cv2, "data", None), "haarcascades", "")
     folders = [folder for folder in ("", own, *DEBIAN) if folder or "/" in name]
     for folder in folders:
