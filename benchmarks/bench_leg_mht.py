@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Time of the multi-hypothesis leg tracker, a scan: the experiments of Arras et al. 2012, 3.4, and a crowd of twenty.
 
-The legs are those of the preset's leg cue on simulated scans, computed beforehand. Times are those of the process on one
-core. The ratio is that of the 95th percentile to the paper's 44.5 ms a scan; nothing is asserted.
+The legs are those of the preset's leg cue on simulated scans, computed beforehand. Times are those of the process, on
+one core. The ratio is that of the 95th percentile to the paper's 44.5 ms a scan; nothing is asserted.
 """
 
 import os

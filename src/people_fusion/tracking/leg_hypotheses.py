@@ -127,7 +127,7 @@ class _Costs(NamedTuple):
         missed: (T,) a track is occluded or deleted, whichever is likelier.
         alone: a measurement is new or false, whichever is likelier.
         pairs: (T, M) a measurement is of a track, more than `missed` and `alone`; infinite outside of the gate.
-        flips: (T + M,) the other of both labels, more than the likelier one; infinite where there is no other.
+        flips: (T + M,) the other of both labels, more than the likelier one.
         deleted: (T,) whether deleted is the likelier.
     """
 
@@ -289,7 +289,7 @@ class MultiHypothesisTracker:
         def choices(matched: np.ndarray) -> Iterator[Tuple[float, Tuple[int, ...]]]:
             yield 0.0, ()
             taken = set(matched.tolist())
-            left = [track for track in parent.tracks if track not in taken and costs.flips[track] < np.inf]
+            left = [track for track in parent.tracks if track not in taken]
             left += [len(costs.pairs) + row for row, track in enumerate(matched.tolist()) if track == NONE]
             for extra, chosen in islice(ranked_subsets([costs.flips[item] for item in left]), 1, None):
                 yield extra, tuple(left[place] for place in chosen)
