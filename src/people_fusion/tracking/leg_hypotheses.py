@@ -175,7 +175,7 @@ class MultiHypothesisTracker:
         free = [config.p_detected, config.p_occluded, config.p_deleted]
         approved = [config.approved_p_detected, config.approved_p_occluded, config.approved_p_deleted]
         beside = [config.approved_p_detected, 1.0 - config.approved_p_detected - config.p_deleted, config.p_deleted]
-        self._log = np.log([free, approved, np.maximum(beside, 1e-9)])
+        self._log = np.log(np.maximum([free, approved, beside], 1e-9))
         self._log_new, self._log_false = float(np.log(config.new_rate)), float(np.log(config.false_rate))
         self._span = -float(np.log(config.min_ratio)) if config.min_ratio else np.inf
 
