@@ -6,7 +6,7 @@ import pytest
 from people_fusion.core.config import parse
 from people_fusion.core.measurements import Measurement
 from people_fusion.tracking.leg_hypotheses import APPROVED, BESIDE, FREE, LegTracks
-from people_fusion.tracking.people_from_legs import People, PeopleConfig, Person, bodies, recognise
+from people_fusion.tracking.people_from_legs import People, PeopleConfig, Person, accompany, bodies, recognise
 from people_fusion.tracking.tracker import TRACKERS
 
 CONFIG = PeopleConfig(window=5, agreement=3.0)
@@ -103,6 +103,40 @@ def test_a_person_on_one_leg_is_known_to_half_a_step():
     np.testing.assert_allclose(np.diag(covariance[0])[:2], 0.01 + config.half_step_std**2)
 
 
+def accompanied(seen_ns, seconds, each_s=0.1, config=CONFIG):
+    """Legs 1 and 2 of a person, last seen at these stamps, predicted scan by scan from 0 on."""
+    people = People((Person(1, (1, 2), 0, 0, 0),), {}, {})
+    tracks = legs((1, 0.0, 0.0, 1.0, 0.0), (2, 0.3, 0.0, 3.0, 0.0))._replace(seen_ns=np.array(seen_ns))
+    hidden = np.array(seen_ns) < 0
+    for _ in range(round(seconds / each_s)):
+        anywhere = hidden[:, None, None] * np.eye(4)  # as a free particle's prediction
+        ahead = tracks._replace(means=tracks.means + 9.0 * hidden[:, None], covariances=tracks.covariances + anywhere)
+        tracks = accompany(tracks, ahead, (0, 1), people, 0, each_s, config)
+        for column in ("means", "covariances"):
+            np.testing.assert_array_equal(getattr(tracks, column)[~hidden], getattr(ahead, column)[~hidden])
+    return tracks
+
+
+def test_a_hidden_leg_stays_within_a_step_of_the_other_and_is_known_no_better():
+    beside = 0.01 + 4.0 * CONFIG.half_step_std**2
+    soon, later = accompanied([0, -1], 0.1), accompanied([0, -1], 5.0)
+    assert 0.01 < soon.covariances[1, 0, 0] < beside <= later.covariances[1, 0, 0] < 4.0 * beside
+    assert np.abs(later.means[1, :2]).max() < 0.3
+    np.testing.assert_allclose(accompanied([0, -1], 10.0).covariances[1], later.covariances[1], rtol=1e-3)
+
+
+def test_the_time_between_scans_does_not_tell_how_far_a_hidden_leg_may_be():
+    coarse, fine = (accompanied([0, -1], 0.6, each_s).covariances[1, 0, 0] for each_s in (0.1, 0.05))
+    assert coarse == pytest.approx(fine, rel=0.3)
+
+
+def test_two_hidden_legs_go_on_together():
+    tracks = accompanied([-1, -1], 2.0)
+    np.testing.assert_allclose(tracks.means[0, 2:], tracks.means[1, 2:], atol=1e-6)
+    assert 1.0 < tracks.means[0, 0] < 4.0 and np.abs(tracks.means[:, 0] - tracks.means[:, 0].mean()).max() < 0.3
+    assert 0.3 < tracks.covariances[0, 0, 0] ** 0.5 < 2.0
+
+
 def measurement(step, positions, **fields):
     positions = np.asarray(positions, dtype=float).reshape(-1, 2)
     return Measurement(
@@ -177,3 +211,32 @@ def test_a_late_scan_is_taken_with_the_noise_of_its_age():
     each.process(measurement(27.5, gait(27.5), sequence=100))
     assert each.stamp_ns == stamp_ns and len(each.tracks()) == 1
     assert each.counters()["measurements predicted forward"] == 1
+
+
+@pytest.mark.parametrize("adaptive", [True, False])
+def test_a_leg_that_was_hidden_for_a_second_is_the_same_leg_if_occlusion_is_adaptive(adaptive):
+    each = tracker(adaptive=adaptive)
+    for step in range(40):
+        each.process(measurement(step, gait(step)))
+    names = set(each.legs.ids)
+    for step in range(40, 50):
+        each.process(measurement(step, gait(step)[:1]))
+    for step in range(50, 60):
+        each.process(measurement(step, gait(step)))
+    assert len(names) == 2 and (set(each.legs.ids) == names) == adaptive
+
+
+def test_a_person_out_of_sight_is_remembered_and_not_told_of():
+    each = tracker()
+    for step in range(40):
+        each.process(measurement(step, gait(step)))
+    for step in range(40, 75):
+        each.process(measurement(step, []))
+    gone = each.tracks()
+    assert len(gone) == 1 and not gone.confirmed[0] and gone.occluded[0]
+    for step in range(75, 80):
+        each.process(measurement(step, gait(step)))
+    assert each.tracks().ids.tolist() == gone.ids.tolist() and each.tracks().confirmed[0]
+    for step in range(80, 80 + 70):
+        each.process(measurement(step, []))
+    assert len(each.tracks()) == 0 and len(each.legs.ids) == 0

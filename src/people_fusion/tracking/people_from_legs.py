@@ -32,7 +32,7 @@ class PeopleConfig:
         0.4, "a leg that was not seen for longer makes way for a free one that is, seconds", low=0.0
     )
     hidden_s: float = parameter(
-        3.0, "legs of a person of whom nothing was seen for longer are no longer approved, and so end, seconds", low=0.0
+        5.0, "legs of a person of whom nothing was seen for longer are no longer approved, and so end, seconds", low=0.0
     )
     half_step_std: float = parameter(0.15, "of a leg about the middle of the body, by axis, metres", low=1e-3)
     half_swing_std: float = parameter(0.6, "of a leg's velocity about the body's, by axis, m/s", low=1e-3)

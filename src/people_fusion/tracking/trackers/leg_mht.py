@@ -26,6 +26,9 @@ class LegMhtConfig:
     people: PeopleConfig = section(PeopleConfig, "when two legs are a person")
     adaptive: bool = parameter(True, "legs of a person have probabilities of their own (Arras et al. 2012, 3.3.1)")
     leg_std: float = parameter(0.04, "of a leg's measured middle, by axis, metres", low=1e-3)
+    told_std: float = parameter(
+        0.7, "people whose place is known less well than this on any axis are remembered but not confirmed, m", low=0.0
+    )
     head_height: float = parameter(1.5, "of heads, which a laser does not see, metres", low=0.0)
     head_height_std: float = parameter(0.3, "its uncertainty, metres", low=0.0)
 
@@ -115,7 +118,7 @@ class LegMht(Tracker):
             means=means,
             covariances=covariances,
             existence=np.array([max(marginals[leg] for leg in person.legs) for person in people.persons]),
-            confirmed=np.ones(count, dtype=bool),
+            confirmed=np.linalg.eigvalsh(spreads[:, :2, :2]).max(axis=1, initial=0.0) < self.config.told_std**2,
             matched=matched,
             occluded=~matched,
             ages_s=np.array([(now - person.born_ns) / 1e9 for person in people.persons]),
