@@ -214,14 +214,14 @@ def test_a_late_scan_is_taken_with_the_noise_of_its_age():
 
 
 @pytest.mark.parametrize("adaptive", [True, False])
-def test_a_leg_that_was_hidden_for_a_second_is_the_same_leg_if_occlusion_is_adaptive(adaptive):
+def test_a_leg_that_was_hidden_for_two_seconds_is_the_same_leg_if_occlusion_is_adaptive(adaptive):
     each = tracker(adaptive=adaptive)
     for step in range(40):
         each.process(measurement(step, gait(step)))
     names = set(each.legs.ids)
-    for step in range(40, 50):
+    for step in range(40, 60):
         each.process(measurement(step, gait(step)[:1]))
-    for step in range(50, 60):
+    for step in range(60, 70):
         each.process(measurement(step, gait(step)))
     assert len(names) == 2 and (set(each.legs.ids) == names) == adaptive
 
