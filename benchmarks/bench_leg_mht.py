@@ -11,6 +11,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import argparse
+import gc
 import json
 import tempfile
 import time
@@ -42,6 +43,8 @@ def measurements_of(trial, config):
 def run(measurements, config):
     """Milliseconds, hypotheses and legs of each scan; and what was shed or happened otherwise."""
     tracker, rows = LegMht(config), []
+    gc.collect()
+    gc.freeze()  # what the simulation left is not searched for garbage in between
     for measurement in measurements:
         began = time.process_time()
         tracker.process(measurement)
