@@ -9,6 +9,8 @@ import abc
 
 import numpy as np
 
+from people_fusion.core.errors import DataError
+
 
 class Camera(abc.ABC):
     """A calibrated camera.
@@ -31,6 +33,16 @@ class Camera(abc.ABC):
     def rays(self, pixels: np.ndarray) -> np.ndarray:
         """(N, 3) unit vectors of the camera's frame along which pixels (N, 2) look; NaN where the model is not to be
         inverted."""
+
+    def resized(self, width: int, height: int) -> Camera:
+        """The same camera with images of another size.
+
+        Raises:
+            DataError: no scale makes one of the other, or the model knows its images' size only.
+        """
+        if (width, height) != (self.width, self.height):
+            raise DataError("image not of its camera's size", f"{width} x {height}, not {self.width} x {self.height}")
+        return self
 
     @abc.abstractmethod
     def ray_jacobians(self, pixels: np.ndarray) -> np.ndarray:

@@ -30,10 +30,10 @@ from people_fusion.evaluation.delay_plots import plot_policies
 from people_fusion.evaluation.evaluate import Evaluation
 from people_fusion.evaluation.plots import png
 from people_fusion.evaluation.tables import UNDEFINED, Table, millimetres, number, percent
-from people_fusion.replay.discovery import Sources, discover
+from people_fusion.replay.discovery import Sources
 from people_fusion.replay.ground_truth import Instant, read_ground_truth
 from people_fusion.replay.recording import Recording
-from people_fusion.replay.replay import Selection, check_window, score
+from people_fusion.replay.replay import Selection, check_window, score, sources_of
 from people_fusion.replay.replay_bag import add_processing, overrides, processing_times
 from people_fusion.replay.results import figures, guarded, write_json
 from people_fusion.replay.sampling import Sampler
@@ -169,14 +169,7 @@ def compare(
     rows: Dict[str, Row] = {}
     with Recording(path) as recording:
         check_window(recording, selection)
-        sources = discover(
-            recording,
-            config.frames,
-            selection.scans,
-            selection.world_frame,
-            selection.ground_truth,
-            selection.odometry,
-        )
+        sources = sources_of(recording, config, selection)
         instants: Sequence[Instant] = ()
         if sources.ground_truth is not None:
             window = (selection.start_s, selection.duration_s)

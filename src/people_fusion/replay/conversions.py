@@ -6,9 +6,13 @@ from typing import Any, Iterator, NamedTuple, Tuple
 
 import numpy as np
 
+from people_fusion.core.camera_models import camera_of
+from people_fusion.core.cameras import Camera
 from people_fusion.core.errors import DataError
 from people_fusion.core.grids import OccupancyGrid
+from people_fusion.core.images import Image
 from people_fusion.core.measurements import Announcement, Measurement
+from people_fusion.core.pixels import compressed_pixels, raw_pixels
 from people_fusion.core.poses import Pose, UncertainPose
 from people_fusion.core.scans import Scan
 from people_fusion.core.stamps import join
@@ -59,6 +63,35 @@ def scan(message: Any) -> Scan:
         time_increment=message.time_increment,
         scan_time=message.scan_time,
     )
+
+
+def camera(message: Any, rectified: bool) -> Camera:
+    """Camera of a sensor_msgs/CameraInfo, see camera_of.
+
+    Raises:
+        DataError: it describes no camera.
+    """
+    return camera_of(
+        message.width, message.height, message.distortion_model, message.K, message.D, message.P, rectified
+    )
+
+
+def image(message: Any, model: Camera) -> Image:
+    """Image of a sensor_msgs/Image or CompressedImage.
+
+    Raises:
+        DataError: it has no stamp, cannot be read, or is not of the camera's size.
+    """
+    stamp_ns = stamp(message.header)
+    if stamp_ns == 0:
+        raise DataError("image without stamp")
+    if hasattr(message, "encoding"):
+        shape = message.height, message.width, message.step
+        pixels = raw_pixels(*shape, message.encoding, bool(message.is_bigendian), message.data)
+    else:
+        pixels = compressed_pixels(message.data)
+    height, width = pixels.shape[:2]
+    return Image(stamp_ns, normalise_frame(message.header.frame_id), pixels, model.resized(width, height))
 
 
 def links(message: Any) -> Iterator[Link]:

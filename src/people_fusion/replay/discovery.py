@@ -13,6 +13,7 @@ import numpy as np
 from people_fusion.core.errors import RecordingError
 from people_fusion.core.stamps import from_seconds, to_seconds
 from people_fusion.core.transforms import FramesConfig, normalise_frame
+from people_fusion.replay.cameras import CameraSource, find_cameras
 from people_fusion.replay.conversions import links, odometry_link, stamp
 from people_fusion.replay.recording import Recording, Topic
 
@@ -37,6 +38,7 @@ class Sources:
         localisation: poses of the base in the world frame, or None.
         map: of the world, or None.
         ground_truth: annotated people, or None.
+        cameras: whose images head cues work on.
         announcements, detections: topics of cues that were recorded, beside those that work on the scans.
         frames: world, odometry and base of this recording; `odom` is empty where there is none.
         links: (parent, child) of the transforms between these frames and the scanners.
@@ -56,6 +58,7 @@ class Sources:
     notes: Tuple[str, ...]
     announcements: Tuple[Topic, ...] = ()
     detections: Tuple[Topic, ...] = ()
+    cameras: Tuple[CameraSource, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,8 @@ def discover(
     world_frame: Optional[str] = None,
     ground_truth: Optional[str] = None,
     odometry: Optional[str] = None,
+    images: bool = False,
+    described: FrozenSet[str] = frozenset(),
 ) -> Sources:
     """Find what a replay needs.
 
@@ -90,6 +95,8 @@ def discover(
         world_frame: frame of the tracks; None: `frames.world`, else `frames.odom`, else the root of the scanner's tree.
         ground_truth: topic of annotated people; None: found by name and type.
         odometry: topic that stands in for a transform odom to base that tf lacks; None: found by type, "": none.
+        images: whether cameras are wanted.
+        described: frames of cameras that need no CameraInfo.
 
     Raises:
         RecordingError: a topic or frame that was asked for is not there, or nothing is there to work on.
@@ -103,8 +110,11 @@ def discover(
     found = _frames(chain, frames, world_frame)
     detections = recording.of_kind("DetectedPersons")
     carried = {scanner.frame_id for scanner in chosen}
-    if detections:  # of any frame on this robot
-        carried.update(name for name in parents if _ancestors(name, parents)[-1] == chain[-1])
+    on_robot = frozenset(name for name in parents if _ancestors(name, parents)[-1] == chain[-1])
+    cameras, camera_notes = find_cameras(recording, on_robot, described) if images else ([], [])
+    carried.update(camera.frame_id for camera in cameras)
+    if detections:
+        carried.update(on_robot)
     needed: Dict[str, List[str]] = {name: _ancestors(name, parents) for name in carried}
     pairs = frozenset(pair for line in needed.values() for pair in zip(line[1:], line))
     connected = {name for line in needed.values() for name in line}
@@ -114,6 +124,8 @@ def discover(
     notes = [
         *(f"scan {scanner.topic.name}: {scanner.beams} beams in {scanner.frame_id}" for scanner in chosen),
         *notes,
+        *(f"images {camera.image.name} of {camera.frame_id}" for camera in cameras),
+        *camera_notes,
         *(f"detections {topic.name}, but of cues that work on these scans" for topic in detections),
         *odometry_notes,
         f"frames: world {found.world}, odometry {found.odom or 'none'}, base {found.base}",
@@ -136,6 +148,7 @@ def discover(
         notes=tuple(notes),
         announcements=tuple(recording.of_kind("MeasurementAnnouncement")) if detections else (),
         detections=tuple(detections),
+        cameras=tuple(cameras),
     )
 
 

@@ -75,6 +75,24 @@ class Outcome:
     grid: Optional[OccupancyGrid]
 
 
+def sources_of(recording: Recording, config: FusionConfig, selection: Selection) -> Sources:
+    """What a preset takes of a recording.
+
+    Raises:
+        RecordingError: see discover.
+    """
+    return discover(
+        recording,
+        config.frames,
+        selection.scans,
+        selection.world_frame,
+        selection.ground_truth,
+        selection.odometry,
+        images=bool(config.head_cues),
+        described=frozenset(config.panoramas),
+    )
+
+
 def replay(
     path: Union[str, Path],
     config: FusionConfig,
@@ -105,14 +123,7 @@ def replay(
     with ExitStack() as stack:
         recording = stack.enter_context(Recording(path))
         check_window(recording, selection)
-        sources = discover(
-            recording,
-            config.frames,
-            selection.scans,
-            selection.world_frame,
-            selection.ground_truth,
-            selection.odometry,
-        )
+        sources = sources_of(recording, config, selection)
         if found is not None:
             found(sources)
         instants: Sequence[Instant] = ()

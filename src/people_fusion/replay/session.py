@@ -9,20 +9,27 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
+from people_fusion.core.camera_models import Panorama
+from people_fusion.core.cameras import Camera
 from people_fusion.core.errors import ConfigError, DataError, TransformUnavailable
 from people_fusion.core.grids import OccupancyGrid
+from people_fusion.core.image_topics import is_rectified
+from people_fusion.core.images import Image
 from people_fusion.core.measurements import Announcement, Measurement
+from people_fusion.core.scans import Scan
 from people_fusion.core.stamps import from_seconds, to_seconds
 from people_fusion.core.timeline import Timeline
 from people_fusion.core.transforms import TransformTree
 from people_fusion.core.waiting import WaitingRoom, transforms_ready
 from people_fusion.cues.cue import CUES, Cue, TransformRequest
 from people_fusion.replay import conversions
+from people_fusion.replay.cameras import CameraSource
 from people_fusion.replay.discovery import Sources
 from people_fusion.replay.recording import RecordedMessage, Recording, Topic
 from people_fusion.tracking.fusion import Fusion, FusionConfig
 
 AFTERWARDS_NS = 10**18
+SCANS, IMAGES, RECORDED = "scans", "images", "recorded measurements"
 
 
 class Update(NamedTuple):
@@ -44,7 +51,7 @@ class _Waiting:
     announcement: Announcement
     requests: Sequence[TransformRequest]
     measure: Callable[[], Measurement]
-    is_scan: bool = True
+    kind: str
 
 
 class Session:
@@ -59,8 +66,8 @@ class Session:
         told: called with each announcement that is not withdrawn, before the buffer gets it.
         passing: called with the time, on the clock of the stamps, before anything happens at it.
         make_cue: makes the cue of a scan topic from its name; None: the preset's.
-        processing_s: how long the cues of the scans work on a scan, by name of the cue; none is 0. A cue works on one
-            scan at a time; one more may wait.
+        processing_s: how long the cues work on a scan or an image, by name of the cue; none is 0. A cue works on one
+            at a time; one more may wait.
 
     Attributes:
         fusion: where the tracks are.
@@ -68,7 +75,7 @@ class Session:
         grid: newest map, or None.
 
     Raises:
-        ConfigError: `processing_s` names no cue of a scan.
+        ConfigError: `processing_s` names no cue.
     """
 
     def __init__(
@@ -97,6 +104,7 @@ class Session:
         )
         self._lead_s = config.transforms.history_s
         self._cues: List[Cue] = []
+        self._models: Dict[str, Camera] = {}  # of cameras, by frame
         self._feeders: Dict[str, Callable[[Any], None]] = {}
         for topic in sources.transforms:
             self._feeders[topic.name] = partial(self._feed_links, is_static=_is_static(topic))
@@ -110,6 +118,14 @@ class Session:
             self._feeders[sources.localisation.name] = self._feed_localisation
         if sources.map:
             self._feeders[sources.map.name] = self._feed_map
+        for camera in sources.cameras:
+            looks = [build_head_cue(config, key, camera.name) for key in config.head_cues]
+            self._cues += looks
+            self._feeders[camera.image.name] = partial(self._feed_image, camera, looks)
+            if camera.info is not None:
+                self._feeders[camera.info.name] = partial(self._feed_camera, camera)
+            elif camera.frame_id in config.panoramas:
+                self._models[camera.frame_id] = Panorama(config.panoramas[camera.frame_id])
         for topic in sources.announcements:
             self._feeders[topic.name] = self._feed_announcement
         for topic in sources.detections:
@@ -117,7 +133,7 @@ class Session:
         self._own = {cue.name for cue in self._cues}
         for name in self._processing_ns:
             if name not in self._own:
-                raise ConfigError(f"processing time of {name}: cues of scans are {', '.join(sorted(self._own))}")
+                raise ConfigError(f"processing time of {name}: cues are {', '.join(sorted(self._own))}")
         self._counts: Counter = Counter()
         self._now_ns = 0
         self._turns = 0
@@ -149,6 +165,8 @@ class Session:
             for recorded in recording.messages([*latched, *flowing], start_s - lead_s, lead_s):
                 self.feed(recorded)
         cues = [*sources.scans, *sources.announcements, *sources.detections]
+        for camera in sources.cameras:
+            cues += [camera.info, camera.image] if camera.info else [camera.image]
         for recorded in recording.messages([*latched, *flowing, *cues], start_s, duration_s):
             self.feed(recorded)
         self.finish()
@@ -176,7 +194,7 @@ class Session:
     @property
     def scans(self) -> int:
         """Scans that arrived."""
-        return self._counts["scans"]
+        return self._counts[SCANS]
 
     @property
     def recorded_s(self) -> float:
@@ -219,22 +237,40 @@ class Session:
             cue.set_map(self.grid)
 
     def _feed_scan(self, cue: Cue, message: Any) -> None:
-        self._counts["scans"] += 1
-        scan = conversions.scan(message)
-        self._timeline.require(cue.name, scan.stamp_ns)
+        self._counts[SCANS] += 1
+        self._feed_cue(cue, conversions.scan(message), SCANS)
+
+    def _feed_camera(self, camera: CameraSource, message: Any) -> None:
+        self._models[camera.frame_id] = conversions.camera(message, is_rectified(camera.name))
+
+    def _feed_image(self, camera: CameraSource, cues: Sequence[Cue], message: Any) -> None:
+        self._counts[IMAGES] += 1
+        if camera.frame_id not in self._models:
+            raise DataError("image before its camera_info")
+        image = conversions.image(message, self._models[camera.frame_id])
+        for cue in cues:
+            self._feed_cue(cue, image, IMAGES)
+
+    def _feed_cue(self, cue: Cue, data: Union[Scan, Image], kind: str) -> None:
+        self._timeline.require(cue.name, data.stamp_ns)
         newest_ns = self._timeline.newest_ns(cue.name)
         self._wake_until(newest_ns)  # the bag's clock may be slower than the stamps
-        self._first_ns = min(self._first_ns or newest_ns, newest_ns)
-        self._last_ns = max(self._last_ns, newest_ns)
-        requests = {TransformRequest(self.fusion.tracking_frame, scan.frame_id, scan.stamp_ns)}
+        if kind == SCANS:
+            self._first_ns = min(self._first_ns or newest_ns, newest_ns)
+            self._last_ns = max(self._last_ns, newest_ns)
+        requests = {TransformRequest(self.fusion.tracking_frame, data.frame_id, data.stamp_ns)}
         if self._sources.links:
-            requests.update(cue.transforms_needed(scan))
+            requests.update(cue.transforms_needed(data))
         newest_first = sorted(requests, key=lambda request: (-request.stamp_ns, request))
-        announcement = cue.announce(scan.stamp_ns)
+        announcement = cue.announce(data.stamp_ns)
         self._announce(announcement)
-        measure = partial(cue.measure, scan, self.transforms if self._sources.links else None)
-        waiting = _Waiting(announcement, newest_first, measure)
-        self._waiting.push(cue.name, scan.stamp_ns, waiting, self._now_ns)
+        waiting = _Waiting(announcement, newest_first, partial(self._measure, cue, data), kind)
+        self._waiting.push(cue.name, data.stamp_ns, waiting, self._now_ns)
+
+    def _measure(self, cue: Cue, data: Union[Scan, Image]) -> Measurement:
+        if cue.takes is Image:
+            cue.set_tracks(self.fusion.tracks())
+        return cue.measure(data, self.transforms if self._sources.links else None)
 
     def _feed_announcement(self, message: Any) -> None:
         announcement = conversions.announcement(message)
@@ -250,7 +286,7 @@ class Session:
         self._wake_until(self._timeline.newest_ns(measurement.cue))
         announcement = Announcement(measurement.stamp_ns, measurement.cue, measurement.sequence)
         request = TransformRequest(self.fusion.tracking_frame, measurement.frame_id, measurement.stamp_ns)
-        waiting = _Waiting(announcement, (request,), lambda: measurement, is_scan=False)
+        waiting = _Waiting(announcement, (request,), lambda: measurement, RECORDED)
         self._waiting.push(measurement.cue, measurement.stamp_ns, waiting, self._now_ns)
 
     def _jumped(self, back_s: float) -> None:
@@ -278,10 +314,10 @@ class Session:
     def _serve(self, now_ns: int) -> None:
         for waiting in self._waiting.poll(now_ns):
             announcement = waiting.announcement
-            processing_ns = self._processing_ns.get(announcement.cue, 0) if waiting.is_scan else 0
+            processing_ns = self._processing_ns.get(announcement.cue, 0) if waiting.kind != RECORDED else 0
             begin_ns = max(self._now_ns, self._free_ns.get(announcement.cue, 0))
             if begin_ns - self._now_ns > processing_ns:
-                self._counts["scans skipped: the cue is busy"] += 1
+                self._counts[f"{waiting.kind} skipped: the cue is busy"] += 1
                 self._withdraw(waiting)
                 continue
             try:
@@ -307,7 +343,7 @@ class Session:
             self._counts["transform unavailable"] += 1
             self._withdraw(waiting)
         else:
-            self._counts["scans processed" if waiting.is_scan else "recorded measurements"] += 1
+            self._counts[RECORDED if waiting.kind == RECORDED else f"{waiting.kind} processed"] += 1
             self._measured(measurement, self._now_ns + self._offset_ns)
 
     def _withdraw(self, waiting: _Waiting) -> None:
@@ -352,6 +388,11 @@ class Session:
 def build_cue(config: FusionConfig, topic: str) -> Cue:
     """The preset's cue for a topic of scans."""
     return CUES.build(config.leg_cue, name=topic.strip("/"), frames=config.frames)
+
+
+def build_head_cue(config: FusionConfig, key: str, topic: str) -> Cue:
+    """One of the preset's head cues for a camera's topic."""
+    return CUES.build(config.head_cues[key], name=f"{topic.strip('/')}/{key}", frames=config.frames)
 
 
 def _is_static(topic: Topic) -> bool:

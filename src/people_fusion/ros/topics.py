@@ -4,6 +4,7 @@ from __future__ import annotations
 
 # Inputs.
 SCAN = "scan"  # sensor_msgs/LaserScan; the parameter `scans` may name others
+IMAGE = "image_raw"  # sensor_msgs/Image or CompressedImage; the parameter `images` may name others
 MAP = "map"  # nav_msgs/OccupancyGrid, latched
 LOCALISATION = "amcl_pose"  # geometry_msgs/PoseWithCovarianceStamped, base in world
 CLOCK = "/clock"  # of simulated time
@@ -14,6 +15,7 @@ TF_STATIC = "/tf_static"
 ANNOUNCEMENTS = "people_fusion/announcements"  # people_fusion/MeasurementAnnouncement of every cue
 DETECTIONS = "people_fusion/detections"  # people_fusion/DetectedPersons of every cue
 DETECTION_MARKERS = "people_fusion/detection_markers"  # visualization_msgs/MarkerArray
+DEBUG = "people_fusion/debug"  # and the name of a head cue: sensor_msgs/Image with what it did
 
 # From the tracker.
 TRACKS = "people_fusion/tracks"  # people_fusion/TrackedPersons

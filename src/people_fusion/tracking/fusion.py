@@ -13,6 +13,7 @@ from typing import Any, Dict, List, Mapping, Optional, Tuple, Union
 
 import numpy as np
 
+from people_fusion.core.camera_models import PanoramaConfig
 from people_fusion.core.config import component, components, load_yaml, merge, parameter, parse, section
 from people_fusion.core.errors import ConfigError, TransformUnavailable
 from people_fusion.core.grids import OccupancyGrid
@@ -52,6 +53,7 @@ class FusionConfig:
         choices=TREATMENTS,
     )
     leg_cue: object = component(CUES, LegCueConfig, "how legs are found in a scan")
+    panoramas: Dict[str, PanoramaConfig] = parameter({}, "cameras that no CameraInfo describes, by their frame")
     head_cues: Dict[str, object] = components(CUES, "how people are found in an image, by names of your choice")
     buffer: object = component(BUFFERS, ReprocessConfig, "what happens to late measurements")
     tracker: object = component(TRACKERS, KalmanConfig, "the tracker")

@@ -1,0 +1,21 @@
+"""What the names of a camera's topics tell, as image_transport and image_proc give them."""
+
+from __future__ import annotations
+
+COMPRESSED = "/compressed"
+
+
+def without_transport(topic: str) -> str:
+    """Base topic of an image transport's."""
+    return topic[: -len(COMPRESSED)] if topic.endswith(COMPRESSED) else topic
+
+
+def camera_info_of(topic: str) -> str:
+    """Topic of the CameraInfo beside an image's."""
+    base = without_transport(topic)
+    return f"{base.rsplit('/', 1)[0]}/camera_info" if "/" in base else "camera_info"
+
+
+def is_rectified(topic: str) -> bool:
+    """Whether image_proc has taken the distortion out."""
+    return without_transport(topic).rsplit("/", 1)[-1].startswith("image_rect")
