@@ -9,6 +9,8 @@ import abc
 
 import numpy as np
 
+from people_fusion.core.errors import DataError
+
 
 class Camera(abc.ABC):
     """A calibrated camera.
@@ -35,3 +37,21 @@ class Camera(abc.ABC):
     @abc.abstractmethod
     def ray_jacobians(self, pixels: np.ndarray) -> np.ndarray:
         """(N, 3, 2) derivative of `rays` by the pixel, radians per pixel."""
+
+    def resized(self, width: int, height: int) -> Camera:
+        """This camera with images of another resolution of the same shape, binned or scaled.
+
+        Raises:
+            DataError: the shape is another.
+        """
+        if (width, height) == (self.width, self.height):
+            return self
+        # A row or column that did not go into the bins may be missing.
+        if min(width, height) < 1 or abs(width * self.height - height * self.width) >= max(self.width, self.height):
+            raise DataError(
+                "image of another shape than its camera's", f"{width} x {height}, camera {self.width} x {self.height}"
+            )
+        return self._scaled(width, height)
+
+    def _scaled(self, width: int, height: int) -> Camera:
+        raise DataError("image of another size than its camera's", f"{width} x {height}")
