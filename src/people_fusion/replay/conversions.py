@@ -6,7 +6,7 @@ from typing import Any, Iterator, NamedTuple, Tuple
 
 import numpy as np
 
-from people_fusion.core.camera_models import camera_of
+from people_fusion.core.camera_info import camera_of
 from people_fusion.core.cameras import Camera
 from people_fusion.core.errors import DataError
 from people_fusion.core.grids import OccupancyGrid
@@ -71,9 +71,8 @@ def camera(message: Any, rectified: bool) -> Camera:
     Raises:
         DataError: it describes no camera.
     """
-    return camera_of(
-        message.width, message.height, message.distortion_model, message.K, message.D, message.P, rectified
-    )
+    matrices = message.D, message.K, message.R, message.P
+    return camera_of(message.width, message.height, message.distortion_model, *matrices, rectified)
 
 
 def image(message: Any, model: Camera) -> Image:

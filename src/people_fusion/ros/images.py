@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from sensor_msgs.msg import Image as ImageMsg
 
-from people_fusion.core.camera_models import camera_of
+from people_fusion.core.camera_info import camera_of
 from people_fusion.core.cameras import Camera
 from people_fusion.core.images import Image
 from people_fusion.core.pixels import compressed_pixels, raw_pixels
@@ -20,9 +20,8 @@ def camera_from_msg(message: Any, rectified: bool) -> Camera:
     Raises:
         DataError: it describes no camera.
     """
-    return camera_of(
-        message.width, message.height, message.distortion_model, message.K, message.D, message.P, rectified
-    )
+    matrices = message.D, message.K, message.R, message.P
+    return camera_of(message.width, message.height, message.distortion_model, *matrices, rectified)
 
 
 def image_from_msg(message: Any, camera: Camera) -> Image:
