@@ -21,6 +21,7 @@ from people_fusion.core.errors import DataError
 STEPS = 2000  # of the table of a lens, from the optical axis to the side
 LARGEST_ANGLE = math.radians(89.9)  # from the optical axis, of what a pinhole sees
 ITERATIONS = 20
+STEEPEST = 100.0  # distorted over undistorted; more is the neighbourhood of a pole, where no lens is
 FULL_CIRCLE = 6.275  # and what is larger, radians
 TOLERANCE = 1e-10  # of re-projection, in focal lengths
 
@@ -119,9 +120,9 @@ class Pinhole(Lens):
         radii = np.tan(np.linspace(0.0, LARGEST_ANGLE, STEPS))
         with np.errstate(all="ignore"):
             scale, slope = self._radial(radii**2)
-            # Eigenvalues of the Jacobian: along the radius, across it, and what tangential distortion takes at most.
-            least = np.minimum(scale + 2.0 * radii**2 * slope, scale) - 6.0 * radii * math.hypot(p1, p2)
-        count = _first_false(least > 0.0)
+            # Eigenvalues of the Jacobian along the radius and across it; tangential distortion takes that much at most.
+            along, tangential = scale + 2.0 * radii**2 * slope, 6.0 * radii * math.hypot(p1, p2)
+            count = _first_false((np.minimum(along, scale) > tangential) & (along < STEEPEST))
         if count < 2:
             raise DataError("camera with an impossible D", f"{self._D.tolist()} folds the image at its middle")
         self._radii, self._distorted_radii = radii[:count], (radii * scale)[:count]
