@@ -1,8 +1,8 @@
 """Between pixels and points, with covariance; and the boxes in which standing people are seen.
 
-All to first order. Against Monte Carlo: the covariance of a point is right within a tenth and its bias below a hundredth
-of a standard deviation even if the distance is good to a quarter only; the variance of a pixel is right within a tenth
-as long as the point's distance is good to 15 %. At a quarter it is 30 % too small, by the few points that come close.
+All to first order. Against Monte Carlo: the covariance of a point is right within a tenth, and its bias below a
+hundredth of a standard deviation, even if the distance is good to a quarter only; the variance of a pixel is right
+within a tenth as long as the point's distance is good to 15 %, and at a quarter 30 % too small.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import abc
-from typing import Any, ClassVar, NamedTuple, Optional, Tuple
+from typing import Any, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -39,7 +39,7 @@ class Cue(abc.ABC):
         frames: names of the robot's frames.
     """
 
-    takes: ClassVar[type]
+    takes: type
     modality: str
     name: str
     _announced = 0

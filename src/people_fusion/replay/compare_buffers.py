@@ -325,7 +325,7 @@ class _Remembering(Cue):
     modality = "any"
 
     def __init__(self, cue: Cue, memory: _Memory) -> None:
-        self._cue, self._memory, self.name = cue, memory, cue.name
+        self._cue, self._memory, self.name, self.takes = cue, memory, cue.name, cue.takes
 
     def transforms_needed(self, data: Any) -> Tuple[TransformRequest, ...]:
         """See Cue."""

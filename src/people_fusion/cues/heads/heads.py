@@ -71,7 +71,7 @@ class HeadCue(Cue):
         look: what was done with the last image, or None.
     """
 
-    takes: ClassVar[type] = Image
+    takes: type = Image
 
     def __init__(self, config: HeadCueConfig, name: str, frames: FramesConfig) -> None:
         self.config, self.name, self.frames = config, name, frames

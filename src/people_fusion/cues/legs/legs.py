@@ -133,7 +133,7 @@ def _looks(model: LegModel, scan: Scan, ranges: np.ndarray) -> Tuple[Segments, n
 class LegCue(Cue):
     """Background subtraction, segments, groups, legs, pairs of legs, people."""
 
-    takes: ClassVar[type] = Scan
+    takes: type = Scan
     modality = "legs"
 
     def __init__(self, config: LegCueConfig, name: str, frames: FramesConfig) -> None:
