@@ -49,7 +49,7 @@ def run(measurements, config):
         began = time.process_time()
         tracker.process(measurement)
         elapsed_ms = 1e3 * (time.process_time() - began)
-        rows.append((elapsed_ms, tracker.hypotheses, len(measurement.legs), len(tracker.legs.ids)))
+        rows.append((elapsed_ms, tracker.hypotheses, len(measurement.legs), len(tracker.leg_tracks.ids)))
     return np.array(rows).T, tracker.counters()
 
 

@@ -11,7 +11,7 @@ pytest.importorskip("people_fusion.msg", reason="the messages are not built; too
 from visualization_msgs.msg import Marker
 
 from people_fusion.core.measurements import XY_OBSERVED, Measurement
-from people_fusion.core.tracks import Tracks
+from people_fusion.core.tracks import NOBODY, Legs, Tracks
 from people_fusion.ros import markers as m
 
 S = 10**9
@@ -149,3 +149,37 @@ def test_two_cues_do_not_overwrite_each_other() -> None:
     front = m.detection_markers(measurement_of(1)).markers
     rear = m.detection_markers(dataclasses.replace(measurement_of(1), cue="rear")).markers
     assert not {(a.ns, a.id) for a in front} & {(b.ns, b.id) for b in rear}
+
+
+def legs_of(*owners_and_seen: Tuple[int, bool]) -> Legs:
+    """Legs 11, 12, ... along x, half a metre apart."""
+    count = len(owners_and_seen)
+    owners = np.array([owner for owner, _ in owners_and_seen], dtype=np.int64)
+    seen = np.array([is_seen for _, is_seen in owners_and_seen], dtype=bool)
+    positions = np.column_stack([0.5 * np.arange(count), np.ones(count)])
+    return Legs(S, "map", np.arange(11, 11 + count), positions, np.tile(0.01 * np.eye(2), (count, 1, 1)), owners, seen)
+
+
+def rgb(colour: Any) -> Tuple[float, float, float]:
+    return colour.r, colour.g, colour.b
+
+
+def test_legs_have_the_colour_of_their_person_and_are_pale_where_hidden() -> None:
+    shown = by_namespace(m.leg_markers(legs_of((3, True), (3, False), (NOBODY, True), (4, True))))
+    shins = shown[m.SHIN]
+    body = by_namespace(m.TrackMarkers().update(tracks_at((3, 1.0, 2.0))))[m.BODY][0]
+    assert [marker.id for marker in shins] == [11, 12, 13, 14]
+    assert rgb(shins[0].color) == rgb(shins[1].color) == rgb(body.color)
+    assert len({rgb(marker.color) for marker in shins}) == 3
+    assert [marker.color.a for marker in shins] == [1.0, m.HIDDEN, 1.0, 1.0]
+    assert (shins[1].pose.position.x, shins[1].pose.position.y) == (0.5, 1.0)
+    (outlines,) = shown[m.SHIN_ELLIPSE]
+    assert len(outlines.points) == len(outlines.colors) == 4 * 2 * m.ELLIPSE_CORNERS
+    assert {rgb(colour) for colour in outlines.colors} == {rgb(marker.color) for marker in shins}
+
+
+def test_legs_that_have_gone_are_removed() -> None:
+    for legs in (legs_of(), legs_of((3, True))):
+        array = m.leg_markers(legs)
+        assert array.markers[0].action == Marker.DELETEALL
+        assert by_namespace(array).keys() == ({m.SHIN, m.SHIN_ELLIPSE} if len(legs) else set())

@@ -200,7 +200,7 @@ def test_without_legs_there_is_nobody_and_reset_gives_no_identity_again():
 def test_legs_that_are_not_finite_are_ignored():
     each = tracker()
     each.process(measurement(0, [(np.nan, 0.0), (1.0, np.inf), (1.0, 1.0)]))
-    assert np.isfinite(each.legs.means).all() and len(each.legs.ids) <= 1
+    assert np.isfinite(each.leg_tracks.means).all() and len(each.leg_tracks.ids) <= 1
 
 
 def test_a_late_scan_is_taken_with_the_noise_of_its_age():
@@ -218,12 +218,12 @@ def test_a_leg_that_was_hidden_for_two_seconds_is_the_same_leg_if_occlusion_is_a
     each = tracker(adaptive=adaptive)
     for step in range(40):
         each.process(measurement(step, gait(step)))
-    names = set(each.legs.ids)
+    names = set(each.leg_tracks.ids)
     for step in range(40, 60):
         each.process(measurement(step, gait(step)[:1]))
     for step in range(60, 70):
         each.process(measurement(step, gait(step)))
-    assert len(names) == 2 and (set(each.legs.ids) == names) == adaptive
+    assert len(names) == 2 and (set(each.leg_tracks.ids) == names) == adaptive
 
 
 def test_a_person_out_of_sight_is_remembered_and_not_told_of():
@@ -239,4 +239,4 @@ def test_a_person_out_of_sight_is_remembered_and_not_told_of():
     assert each.tracks().ids.tolist() == gone.ids.tolist() and each.tracks().confirmed[0]
     for step in range(80, 80 + 70):
         each.process(measurement(step, []))
-    assert len(each.tracks()) == 0 and len(each.legs.ids) == 0
+    assert len(each.tracks()) == 0 and len(each.leg_tracks.ids) == 0

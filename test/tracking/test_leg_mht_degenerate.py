@@ -54,14 +54,14 @@ def sound(each):
     for values in (tracks.means, tracks.covariances, forest.tracks.means, forest.tracks.covariances):
         assert np.isfinite(values).all()
     assert np.linalg.eigvalsh(forest.tracks.covariances).min(initial=0.0) > -1e-9
-    assert len(each.legs.ids) == len(set(each.legs.ids.tolist()))
+    assert len(each.leg_tracks.ids) == len(set(each.leg_tracks.ids.tolist()))
 
 
 @pytest.mark.parametrize("nothing", [[], [(np.nan, np.nan)] * 3, [(np.inf, 0.0), (0.0, -np.inf)]])
 def test_scans_without_a_leg_leave_nobody_when_they_come_first_and_end_who_was_there(nothing):
     each = tracker()
     each.process(scan(0.0, nothing))
-    assert len(each.legs.ids) == 0 and each.hypotheses == 1
+    assert len(each.leg_tracks.ids) == 0 and each.hypotheses == 1
     sound(each)
     each = walked(4.0)
     for step in range(40, 140):
@@ -83,7 +83,7 @@ def test_a_single_leg_is_tracked_and_is_nobody():
     for step in range(40):
         each.process(scan(0.1 * step, [(0.05 * step, 0.0)]))
         sound(each)
-    assert len(each.legs.ids) == 1 and len(each.tracks()) == 0
+    assert len(each.leg_tracks.ids) == 1 and len(each.tracks()) == 0
 
 
 @pytest.mark.parametrize("box_m", [10.0, 1.0, 0.0])
@@ -119,7 +119,7 @@ def test_legs_at_one_place_are_one_leg_and_false_alarms(copies):
     for step in range(30):
         each.process(scan(0.1 * step, [(0.05 * step, 0.0)] * copies))
         sound(each)
-    assert each.legs.seen_ns.max() == round(2.9 * SECOND_NS) and 1 <= len(each.legs.ids) <= copies
+    assert each.leg_tracks.seen_ns.max() == round(2.9 * SECOND_NS) and 1 <= len(each.leg_tracks.ids) <= copies
 
 
 def test_a_pause_of_two_seconds_and_the_person_walks_on():

@@ -1,4 +1,4 @@
-"""What a tracker gives: the people at one instant, as arrays."""
+"""What a tracker gives: the people at one instant, and their legs where it follows these, as arrays."""
 
 from __future__ import annotations
 
@@ -45,3 +45,32 @@ class Tracks:
             for name in ("ids", "means", "covariances", "existence", "confirmed", "matched", "occluded", "ages_s")
         }
         return Tracks(self.stamp_ns, self.frame_id, **rows)
+
+
+NOBODY = -1  # no identity
+
+
+@dataclass(frozen=True, eq=False)
+class Legs:
+    """All legs that a tracker follows, at one stamp in one frame.
+
+    Attributes:
+        stamp_ns: instant that positions and covariances hold for.
+        frame_id: frame of positions and covariances.
+        ids: (L,) int64, never reused in a session.
+        positions: (L, 2) seen from above, metres.
+        covariances: (L, 2, 2) m^2.
+        owners: (L,) int64, id of the track whose leg it is, or NOBODY.
+        seen: (L,) bool, whether the newest measurement showed the leg.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    ids: np.ndarray
+    positions: np.ndarray
+    covariances: np.ndarray
+    owners: np.ndarray
+    seen: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.ids)

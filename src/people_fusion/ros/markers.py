@@ -18,12 +18,13 @@ from visualization_msgs.msg import Marker, MarkerArray
 from people_fusion.core.gaussians import chi_square_threshold
 from people_fusion.core.measurements import Measurement
 from people_fusion.core.stamps import from_seconds
-from people_fusion.core.tracks import Tracks
+from people_fusion.core.tracks import NOBODY, Legs, Tracks
 from people_fusion.ros.conversions import header_to_msg
 
 BODY, HEAD, VELOCITY, IDENTITY = "body", "head", "velocity", "identity"
 ELLIPSE, TRAIL, CANDIDATE = "covariance", "trail", "candidate"
 DETECTION, LEG = "detection", "leg"
+SHIN, SHIN_ELLIPSE = "shin", "shin covariance"
 
 LIFETIME = Duration.from_sec(2.0)  # markers of a tracker that has died go by themselves
 TRAIL_S = 10.0
@@ -31,9 +32,11 @@ TRAIL_STEP = 0.1  # metres between the points of a trail
 ELLIPSE_PROBABILITY = 0.95
 ELLIPSE_CORNERS = 32
 BODY_RADIUS, HEAD_RADIUS, HEAD_HEIGHTS = 0.2, 0.12, (0.5, 2.2)  # metres
+SHIN_RADIUS, SHIN_HEIGHT = 0.06, 0.45  # metres
 VELOCITY_SECONDS = 1.0  # an arrow ends where the person will be then
 VISIBLE_SPEED = 0.1  # metres a second
 PALEST = 0.15
+HIDDEN = 0.3  # opacity of legs that are not seen
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 WHITE, GREY = ColorRGBA(1.0, 1.0, 1.0, 1.0), ColorRGBA(0.6, 0.6, 0.6, 0.6)
 ORANGE, YELLOW = ColorRGBA(1.0, 0.5, 0.0, 0.9), ColorRGBA(1.0, 0.9, 0.1, 0.9)
@@ -70,7 +73,7 @@ class TrackMarkers:
         """MarkerArray that removes all markers."""
         self._shown.clear()
         self._trails.clear()
-        return MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
+        return clear()
 
     def _lengthen(self, tracks: Tracks) -> None:
         alive = set(tracks.ids.tolist())
@@ -159,6 +162,32 @@ def detection_markers(measurement: Measurement, number: int = 0) -> Any:
         if not marker.points:
             marker.action = Marker.DELETE
     return MarkerArray(markers=[rings, legs])
+
+
+def clear() -> Any:
+    """MarkerArray that removes all markers of its topic."""
+    return MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
+
+
+def leg_markers(legs: Legs) -> Any:
+    """MarkerArray of legs in the colour of their person, grey without one, pale where they are not seen.
+
+    It removes what was on its topic before: legs are too many and too short-lived to be remembered.
+    """
+    header = header_to_msg(legs.stamp_ns, legs.frame_id)
+    markers = [Marker(header=header, action=Marker.DELETEALL)]
+    lines = _marker(header, SHIN_ELLIPSE, 0, Marker.LINE_LIST, (0.015, 0.0, 0.0), GREY)
+    colours = []
+    for i, (name, owner, seen) in enumerate(zip(legs.ids.tolist(), legs.owners.tolist(), legs.seen.tolist())):
+        opacity = 1.0 if seen else HIDDEN
+        colour = ColorRGBA(0.6, 0.6, 0.6, opacity) if owner == NOBODY else identity_colour(owner, opacity)
+        size = (2 * SHIN_RADIUS, 2 * SHIN_RADIUS, SHIN_HEIGHT)
+        shin = _marker(header, SHIN, name & 0x7FFFFFFF, Marker.CYLINDER, size, colour)
+        shin.pose.position = Point(*legs.positions[i].tolist(), SHIN_HEIGHT / 2)
+        markers.append(shin)
+        colours.append(colour)
+    _add_lines(lines, ellipses(legs.positions, legs.covariances), colours)
+    return MarkerArray(markers=[*markers, lines] if len(legs) else markers)
 
 
 def ellipses(means: np.ndarray, covariances: np.ndarray) -> np.ndarray:

@@ -10,13 +10,13 @@ from geometry_msgs.msg import PoseArray, PoseStamped
 from visualization_msgs.msg import MarkerArray
 
 from people_fusion.core.errors import TransformUnavailable
-from people_fusion.core.tracks import Tracks
+from people_fusion.core.tracks import Legs, Tracks
 from people_fusion.core.transforms import FramesConfig, TransformSource
 from people_fusion.msg import TrackedPersons
 from people_fusion.ros import topics
 from people_fusion.ros.adapters import people_adapter, spencer_adapter
 from people_fusion.ros.conversions import header_to_msg, poses_to_msg, tracks_to_msg
-from people_fusion.ros.markers import TrackMarkers
+from people_fusion.ros.markers import TrackMarkers, clear, leg_markers
 
 COMPATIBLE = ("none", "strands")
 QUEUE = 10
@@ -29,9 +29,17 @@ class TrackOutputs:
         source: for the robot's place among the tracks.
         compatible: one of COMPATIBLE.
         revisable: whether there are previews.
+        with_legs: whether the tracker follows legs.
     """
 
-    def __init__(self, source: TransformSource, frames: FramesConfig, compatible: str, revisable: bool = False) -> None:
+    def __init__(
+        self,
+        source: TransformSource,
+        frames: FramesConfig,
+        compatible: str,
+        revisable: bool = False,
+        with_legs: bool = False,
+    ) -> None:
         self._source, self._base = source, frames.base
         self._markers = TrackMarkers()
         self._publishers: List[Tuple[Any, Callable[[Tracks], Any]]] = []
@@ -39,6 +47,9 @@ class TrackOutputs:
         self._preview: Optional[Any] = None
         if revisable:
             self._preview = rospy.Publisher(topics.PREVIEW, TrackedPersons, queue_size=QUEUE, tcp_nodelay=True)
+        self._legs: Optional[Any] = None
+        if with_legs:
+            self._legs = rospy.Publisher(topics.LEG_MARKERS, MarkerArray, queue_size=QUEUE)
         self._add(topics.TRACKS, TrackedPersons, tracks_to_msg)
         self._add(topics.POSES, PoseArray, poses_to_msg)
         people, spencer = people_adapter(), spencer_adapter()
@@ -77,10 +88,22 @@ class TrackOutputs:
         if self._preview is not None:
             self._preview.publish(tracks_to_msg(tracks.select(tracks.confirmed)))
 
+    @property
+    def legs_watched(self) -> bool:
+        """Whether somebody looks at legs."""
+        return self._legs is not None and self._legs.get_num_connections() > 0
+
+    def publish_legs(self, legs: Legs) -> None:
+        """Publish the markers of legs."""
+        if self._legs is not None:
+            self._legs.publish(leg_markers(legs))
+
     def reset(self) -> None:
         """Time has jumped: all markers go."""
         for publisher in self._marker_publishers:
             publisher.publish(self._markers.clear())
+        if self._legs is not None:
+            self._legs.publish(clear())
 
     def _add(self, topic: str, message_type: Any, convert: Callable[[Tracks], Any]) -> None:
         publisher = rospy.Publisher(topic, message_type, queue_size=QUEUE, tcp_nodelay=True)

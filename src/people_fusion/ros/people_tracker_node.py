@@ -78,7 +78,10 @@ class PeopleTracker(Part):
         self._waiting: WaitingRoom[Measurement] = WaitingRoom(
             self._is_ready, config.transforms.patience_s, gave_up=self._withdraw
         )
-        self._outputs = TrackOutputs(node.source, config.frames, settings.compatible, self._fusion.buffer.revisable)
+        with_legs = self._fusion.legs() is not None
+        self._outputs = TrackOutputs(
+            node.source, config.frames, settings.compatible, self._fusion.buffer.revisable, with_legs
+        )
         self._intake = Intake(INTAKE, 2 * MOST_CUES)
         self._own: FrozenSet[str] = frozenset()
         self._ahead_ns = from_seconds(self._fusion.buffer.config.ahead_s)
@@ -204,6 +207,9 @@ class PeopleTracker(Part):
         tracks = self._fusion.tracks()
         self._shown = {"tracks": len(tracks), "confirmed": int(tracks.confirmed.sum()), "frame": tracks.frame_id}
         self._outputs.publish(tracks)
+        legs = self._fusion.legs() if self._outputs.legs_watched else None
+        if legs is not None:
+            self._outputs.publish_legs(legs)
         now_ns = self._node.now_ns()
         self._delays.append((now_ns, now_ns - tracks.stamp_ns))
 

@@ -22,6 +22,7 @@ TRACKS = "people_fusion/tracks"  # people_fusion/TrackedPersons
 PREVIEW = "people_fusion/tracks_preview"  # people_fusion/TrackedPersons, to be revised; policy `revisable` alone
 POSES = "people_fusion/poses"  # geometry_msgs/PoseArray
 MARKERS = "people_fusion/markers"  # visualization_msgs/MarkerArray
+LEG_MARKERS = "people_fusion/leg_markers"  # visualization_msgs/MarkerArray; of trackers that follow legs
 PEOPLE = "people_fusion/people"  # people_msgs/People, where that package is installed
 SPENCER_TRACKS = "people_fusion/spencer_tracks"  # spencer_tracking_msgs/TrackedPersons, where that package is installed
 

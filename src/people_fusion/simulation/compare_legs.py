@@ -124,7 +124,7 @@ def _course(path: Path, config: FusionConfig, people: int) -> Course:
         cycle_ms = 1e3 * (time.process_time() - began)
         if not isinstance(tracker, LegMht):
             raise ConfigError("tracker: compare_legs is about leg_mht")
-        legs = tracker.legs.ids.tolist()
+        legs = tracker.leg_tracks.ids.tolist()
         for leg in legs:
             if update.measurement.stamp_ns - first_seen.setdefault(leg, update.measurement.stamp_ns) >= 10**9:
                 made.add(leg)

@@ -21,7 +21,7 @@ from people_fusion.core.images import Image
 from people_fusion.core.measurements import Announcement, Measurement
 from people_fusion.core.resources import directory
 from people_fusion.core.scans import Scan
-from people_fusion.core.tracks import Tracks
+from people_fusion.core.tracks import Legs, Tracks
 from people_fusion.core.transforms import (
     FramesConfig,
     TransformsConfig,
@@ -148,16 +148,35 @@ class Fusion:
         tracks = dataclasses.replace(self.tracker.tracks(stamp_ns), frame_id=self.tracking_frame)
         if self.tracking_frame == self.config.frames.world or len(tracks) == 0:
             return dataclasses.replace(tracks, frame_id=self.config.frames.world)
-        try:
-            self._world_from_tracking = self.transforms.lookup(
-                self.config.frames.world, self.tracking_frame, tracks.stamp_ns
-            )
-        except TransformUnavailable:
+        if not self._find_world(tracks.stamp_ns):
             # The localisation is slower than the sensors: its newest word holds until the next.
             self._counts["tracks placed with an older localisation"] += 1
-            if self._world_from_tracking is None:
-                return tracks
+        if self._world_from_tracking is None:
+            return tracks
         return move_tracks(tracks, self._world_from_tracking, self.config.frames.world)
+
+    def legs(self) -> Optional[Legs]:
+        """The legs that the tracker follows, in the frame of `tracks`; None where it follows none."""
+        legs = self.tracker.legs()
+        if legs is None:
+            return None
+        legs = dataclasses.replace(legs, frame_id=self.tracking_frame)
+        if self.tracking_frame == self.config.frames.world:
+            return legs
+        self._find_world(legs.stamp_ns)
+        if self._world_from_tracking is None:
+            return legs
+        return move_legs(legs, self._world_from_tracking, self.config.frames.world)
+
+    def _find_world(self, stamp_ns: int) -> bool:
+        """Look for world_from_tracking; where it is not there yet, the last remains."""
+        try:
+            self._world_from_tracking = self.transforms.lookup(
+                self.config.frames.world, self.tracking_frame, stamp_ns
+            )
+        except TransformUnavailable:
+            return False
+        return True
 
     def set_map(self, grid: Optional[OccupancyGrid]) -> None:
         """A new map; pruning uses it where the tracker works in the map's frame."""
@@ -235,6 +254,17 @@ def move_tracks(tracks: Tracks, transform: UncertainTransform, frame_id: str) ->
         frame_id=frame_id,
         means=np.hstack([positions, moved[:, : size - 3]]),
         covariances=turn @ tracks.covariances @ turn.T + jacobians @ error @ jacobians.swapaxes(-1, -2),
+    )
+
+
+def move_legs(legs: Legs, transform: UncertainTransform, frame_id: str) -> Legs:
+    """Legs in another frame with the whole error of the transform in their covariance."""
+    positions, covariances = np.zeros((len(legs), 3)), np.zeros((len(legs), 3, 3))
+    positions[:, :2], covariances[:, :2, :2] = legs.positions, legs.covariances
+    positions, covariances, jacobians = transform.transform(positions, covariances)
+    covariances = covariances + jacobians @ transform.shared_covariance @ jacobians.swapaxes(-1, -2)
+    return dataclasses.replace(
+        legs, frame_id=frame_id, positions=positions[:, :2], covariances=covariances[:, :2, :2]
     )
 
 

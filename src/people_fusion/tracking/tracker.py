@@ -8,7 +8,7 @@ from typing import Any, Dict, Optional
 from people_fusion.core.grids import OccupancyGrid
 from people_fusion.core.measurements import Measurement
 from people_fusion.core.registry import Registry
-from people_fusion.core.tracks import Tracks
+from people_fusion.core.tracks import Legs, Tracks
 
 
 class Tracker(abc.ABC):
@@ -49,6 +49,10 @@ class Tracker(abc.ABC):
 
     def set_map(self, grid: Optional[OccupancyGrid]) -> None:
         """A new map of the static surroundings in the tracking frame, or none."""
+
+    def legs(self) -> Optional[Legs]:
+        """The legs that it follows, at the tracker's own stamp; None of a tracker that follows none."""
+        return None
 
     def counters(self) -> Dict[str, int]:
         """Events since the start, by name, for diagnostics."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from people_fusion.core.config import parameter, section
 from people_fusion.core.measurements import Measurement
-from people_fusion.core.tracks import Tracks
+from people_fusion.core.tracks import NOBODY, Legs, Tracks
 from people_fusion.tracking.leg_hypotheses import FREE, Forest, LegTracks, MhtConfig, MultiHypothesisTracker
 from people_fusion.tracking.people_from_legs import People, PeopleConfig, accompany, bodies, recognise
 from people_fusion.tracking.tracker import TRACKERS, Tracker
@@ -57,8 +57,8 @@ class LegMht(Tracker):
         return self._state.stamp_ns
 
     @property
-    def legs(self) -> LegTracks:
-        """Leg tracks of the best hypothesis."""
+    def leg_tracks(self) -> LegTracks:
+        """Those of the best hypothesis."""
         forest = self._state.forest
         return forest.tracks.take(np.array(forest.hypotheses[0].tracks, dtype=int))
 
@@ -122,6 +122,20 @@ class LegMht(Tracker):
             matched=matched,
             occluded=~matched,
             ages_s=np.array([(now - person.born_ns) / 1e9 for person in people.persons]),
+        )
+
+    def legs(self) -> Legs:
+        """See Tracker; those of the best hypothesis."""
+        tracks, now = self.leg_tracks, self._state.stamp_ns
+        owners = {leg: person.id for person in self._state.people.persons for leg in person.legs}
+        return Legs(
+            stamp_ns=now or 0,
+            frame_id="",
+            ids=tracks.ids.copy(),
+            positions=tracks.means[:, :2].copy(),
+            covariances=tracks.covariances[:, :2, :2].copy(),
+            owners=np.array([owners.get(leg, NOBODY) for leg in tracks.ids.tolist()], dtype=np.int64),
+            seen=tracks.seen_ns == now,
         )
 
     def snapshot(self) -> object:
