@@ -51,7 +51,7 @@ class HogBody(Detector):
 
         self.config, self.box = config, config.box
         self._hog = cv2.HOGDescriptor()
-        self._hog.setSVMDetector(cv2.HOGDescriptor_getDefaultPeopleDetector())
+        self._hog.setSVMDetector(cv2.HOGDescriptor.getDefaultPeopleDetector())
 
     def detect(self, image: Image, search: Search) -> Boxes:
         """See Detector."""
@@ -78,20 +78,20 @@ class HogBody(Detector):
     def _level(self, crop: Crop, scale: float) -> Boxes:
         import cv2
 
-        rows, columns = (max(int(round(edge / scale)), 1) for edge in crop.grey.shape)
+        rows, columns = (max(round(edge / scale), 1) for edge in crop.grey.shape)
         if columns + 2 * PADDING < WINDOW[0] or rows + 2 * PADDING < WINDOW[1]:  # OpenCV would crash
             return Boxes.none()
         grey = crop.grey
         if (rows, columns) != grey.shape:
             grey = cv2.resize(grey, (columns, rows), interpolation=cv2.INTER_LINEAR)
-        places, scores = self._hog.detect(grey, self.config.threshold, (STRIDE, STRIDE), (PADDING, PADDING))
+        places, responses = self._hog.detect(grey, self.config.threshold, (STRIDE, STRIDE), (PADDING, PADDING))
         if not len(places):
             return Boxes.none()
+        scores = np.ravel(np.asarray(responses, dtype=float))
         ratios = np.array([crop.grey.shape[1] / columns, crop.grey.shape[0] / rows])
         middles = np.asarray(places, dtype=float).reshape(-1, 2) + 0.5 * np.array(WINDOW)
         half = 0.5 * np.array(PERSON)
         corners = np.hstack([(middles - half) * ratios, (middles + half) * ratios])
-        scores = np.ravel(scores).astype(float)
         return Boxes(corners + [crop.left, crop.top, crop.left, crop.top], scores, np.zeros(len(scores)))
 
     def _merged(self, boxes: Boxes) -> Boxes:
