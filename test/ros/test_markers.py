@@ -178,6 +178,13 @@ def test_legs_have_the_colour_of_their_person_and_are_pale_where_hidden() -> Non
     assert {rgb(colour) for colour in outlines.colors} == {rgb(marker.color) for marker in shins}
 
 
+def test_bodies_end_where_legs_are_shown() -> None:
+    for on_legs, low in ((False, 0.0), (True, m.SHIN_HEIGHT)):
+        (body,) = by_namespace(m.TrackMarkers(on_legs).update(tracks_at((3, 1.0, 2.0))))[m.BODY]
+        assert body.pose.position.z - body.scale.z / 2 == pytest.approx(low)
+        assert body.pose.position.z + body.scale.z / 2 == pytest.approx(1.7 - m.HEAD_RADIUS)
+
+
 def test_legs_that_have_gone_are_removed() -> None:
     for legs in (legs_of(), legs_of((3, True))):
         array = m.leg_markers(legs)

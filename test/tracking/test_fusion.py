@@ -7,9 +7,9 @@ import pytest
 
 from people_fusion.core.errors import ConfigError
 from people_fusion.core.poses import Pose
-from people_fusion.core.tracks import Tracks
-from people_fusion.core.transforms import UncertainTransform
-from people_fusion.tracking.fusion import load_config, move_tracks, place
+from people_fusion.core.tracks import NOBODY, Legs, Tracks
+from people_fusion.core.transforms import TransformSource, UncertainTransform
+from people_fusion.tracking.fusion import Fusion, load_config, move_legs, move_tracks, place
 
 TRANSFORM = UncertainTransform(
     Pose.from_xy_yaw(2.0, -1.0, 0.7),
@@ -53,6 +53,37 @@ def test_moved_tracks_equal_monte_carlo_in_position_and_velocity():
         sample.append([*pose.apply(draw[:3]), *(pose.rotation @ [draw[3], draw[4], 0.0])[:2]])
     np.testing.assert_allclose(moved.means[0], np.mean(sample, axis=0), atol=0.01)
     np.testing.assert_allclose(moved.covariances[0], np.cov(np.transpose(sample)), rtol=0.03, atol=1e-3)
+
+
+def test_moved_legs_equal_monte_carlo():
+    rng = np.random.default_rng(3)
+    covariance = np.array([[0.02, 0.01], [0.01, 0.03]])
+    one = np.ones(1, dtype=bool)
+    legs = Legs(0, "odom", np.ones(1, int), np.array([[3.0, 1.0]]), covariance[None], np.array([NOBODY]), one)
+    moved = move_legs(legs, TRANSFORM, "map")
+    whole = TRANSFORM.white_covariance + TRANSFORM.shared_covariance
+    points = np.pad(rng.multivariate_normal([3.0, 1.0], covariance, 20000), ((0, 0), (0, 1)))
+    errors = rng.multivariate_normal(np.zeros(6), whole, 20000)
+    sample = np.array([moved_by(TRANSFORM.pose, e).apply(p) for e, p in zip(errors, points)])[:, :2]
+    np.testing.assert_allclose(moved.positions[0], sample.mean(axis=0), atol=0.01)
+    np.testing.assert_allclose(moved.covariances[0], np.cov(sample.T), rtol=0.03, atol=1e-3)
+    assert moved.frame_id == "map" and moved.owners.tolist() == [NOBODY]
+
+
+def test_legs_are_told_in_the_frame_of_the_tracks(detect):
+    class Shifted(TransformSource):
+        def lookup(self, target_frame, source_frame, stamp_ns):  # noqa: ARG002
+            return Pose.from_xy_yaw(5.0 if (target_frame, source_frame) == ("map", "odom") else 0.0, 0.0, 0.0)
+
+    assert Fusion(load_config(), Shifted()).legs() is None
+    fusion = Fusion(load_config("leg_mht", {"buffer": {"type": "drop"}}), Shifted())
+    for step in range(30):
+        for measurement in fusion.push(detect(0.1 * step, (0.1 * step, 1.0), sequence=step), round(1e8 * step)):
+            fusion.process(measurement)
+    legs, tracks = fusion.legs(), fusion.tracks()
+    assert legs.frame_id == tracks.frame_id == "map" and len(legs) == 2 and legs.seen.all()
+    np.testing.assert_allclose(legs.positions.mean(axis=0), tracks.means[0, :2], atol=0.02)
+    assert tracks.means[0, 0] > 7.0 and set(legs.owners) == set(tracks.ids)
 
 
 @pytest.mark.parametrize("preset", ["default", "poschmann_t1", "volkhardt"])

@@ -44,9 +44,14 @@ FLOOR = 0.02  # height of what lies on the floor, metres
 
 
 class TrackMarkers:
-    """Markers of tracks from one update to the next: trails, and the removal of what has gone."""
+    """Markers of tracks from one update to the next: trails, and the removal of what has gone.
 
-    def __init__(self) -> None:
+    Args:
+        on_legs: bodies end above the shins, which `leg_markers` shows.
+    """
+
+    def __init__(self, on_legs: bool = False) -> None:
+        self._floor = SHIN_HEIGHT if on_legs else 0.0
         self._shown: Set[Tuple[str, int]] = set()
         self._trails: Dict[int, Deque[Tuple[int, float, float]]] = {}
         self._frame_id = ""
@@ -59,7 +64,7 @@ class TrackMarkers:
         confirmed = tracks.select(tracks.confirmed)
         self._lengthen(confirmed)
         trails = {name: np.array([(x, y) for _, x, y in trail]) for name, trail in self._trails.items()}
-        markers = track_markers(confirmed, trails) + candidate_markers(tracks.select(~tracks.confirmed))
+        markers = track_markers(confirmed, trails, self._floor) + candidate_markers(tracks.select(~tracks.confirmed))
         shown = {(marker.ns, marker.id) for marker in markers}
         header = header_to_msg(tracks.stamp_ns, tracks.frame_id)
         gone = [
@@ -89,12 +94,13 @@ class TrackMarkers:
                     trail.append((tracks.stamp_ns, x, y))
 
 
-def track_markers(tracks: Tracks, trails: Dict[int, np.ndarray]) -> List[Any]:
+def track_markers(tracks: Tracks, trails: Dict[int, np.ndarray], floor: float = 0.0) -> List[Any]:
     """Markers of confirmed tracks; opacity is existence.
 
     Args:
         tracks: at least their ids are in `trails`.
         trails: by id: (P, 2) where the track was.
+        floor: height at which tall bodies begin, metres.
     """
     if len(tracks) == 0:
         return []
@@ -112,8 +118,9 @@ def track_markers(tracks: Tracks, trails: Dict[int, np.ndarray]) -> List[Any]:
     for i, name in enumerate(tracks.ids.tolist()):
         number, colour, (x, y, z) = name & 0x7FFFFFFF, colours[i], heads[i].tolist()
         tall = z - HEAD_RADIUS
-        body = _marker(header, BODY, number, Marker.CYLINDER, (2 * BODY_RADIUS, 2 * BODY_RADIUS, tall), colour)
-        body.pose.position = Point(x, y, tall / 2)
+        low = min(floor, tall / 2)
+        body = _marker(header, BODY, number, Marker.CYLINDER, (2 * BODY_RADIUS, 2 * BODY_RADIUS, tall - low), colour)
+        body.pose.position = Point(x, y, (low + tall) / 2)
         text = _marker(header, IDENTITY, number, Marker.TEXT_VIEW_FACING, (0.0, 0.0, 0.25), WHITE)
         text.pose.position = Point(x, y, z + 0.35)
         text.text = f"{name}  {100 * tracks.existence[i]:.0f}%"

@@ -41,7 +41,7 @@ class TrackOutputs:
         with_legs: bool = False,
     ) -> None:
         self._source, self._base = source, frames.base
-        self._markers = TrackMarkers()
+        self._markers = TrackMarkers(on_legs=with_legs)
         self._publishers: List[Tuple[Any, Callable[[Tracks], Any]]] = []
         self._marker_publishers = [rospy.Publisher(topics.MARKERS, MarkerArray, queue_size=QUEUE)]
         self._preview: Optional[Any] = None
