@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Optional
+from typing import ClassVar, List, Optional, Tuple
 
 import numpy as np
 
@@ -15,6 +15,8 @@ from people_fusion.cues.heads.detector import DETECTORS, Detector, Search, gathe
 
 OVERLAP = 0.5
 NOISE = 3  # pixels over which the image is averaged, and specks that opening takes away
+LEAST_AREA = 20  # pixels of a part
+LONGEST = 1.3  # how much longer a body is than its longest part
 CUT = 1  # rows from the image's edge; what reaches it goes on beyond
 
 
@@ -23,7 +25,8 @@ class MotionConfig:
     """Moving bodies, seen by a camera that stands."""
 
     threshold: int = parameter(20, "least change of a pixel from one image to the next, grey levels", 1, 255)
-    bridge: float = parameter(0.03, "gaps that belong to one body, of the image's height", 0.0, 0.5)
+    bridge: float = parameter(0.03, "gaps that are closed, of the image's height", 0.0, 0.5)
+    body_aspect: float = parameter(0.5, "of one body, width over height; what fits into that together is one", 0.0)
     largest_share: float = parameter(0.4, "of the image that may change; if more does it is the light", 0.01, 1.0)
     least_fill: float = parameter(0.15, "of a box that must have changed", 0.0, 1.0)
     largest_aspect: float = parameter(1.5, "of a body, width over height", low=0.1)
@@ -78,11 +81,33 @@ class Motion(Detector):
         reach = max(round(config.bridge * rows), 1)
         closed = cv2.morphologyEx(changed, cv2.MORPH_CLOSE, np.ones((reach, reach), np.uint8))
         count, labels, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
-        left, top, width, height = stats[1:, :4].T.astype(float)
-        scores = np.bincount(labels.ravel(), weights=changed.ravel(), minlength=count)[1:] / (width * height)
-        whole = (top > CUT) & (top + height < rows - CUT)
+        corners = stats[1:, :4].astype(float)
+        corners[:, 2:] += corners[:, :2]
+        areas = np.bincount(labels.ravel(), weights=changed.ravel(), minlength=count)[1:]
+        (left, top, right, bottom), areas = self._joined(corners, areas)
+        width, height = right - left, bottom - top
+        scores = areas / (width * height)
+        whole = (top > CUT) & (bottom < rows - CUT)
         if not wraps:
-            whole &= (left > CUT) & (left + width < columns - CUT)
+            whole &= (left > CUT) & (right < columns - CUT)
         bodies = whole & (scores >= config.least_fill) & (width <= config.largest_aspect * height)
-        corners = np.column_stack([left + seam, top, left + width + seam, top + height])
+        corners = np.column_stack([left + seam, top, right + seam, bottom])
         return Boxes(corners[bodies], scores[bodies], np.full(int(bodies.sum()), config.confidence))
+
+    def _joined(self, corners: np.ndarray, areas: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+        """Edges (4, M) and areas (M,) of bodies: of one that is evenly coloured only its edges change."""
+        tallest_first = np.argsort(corners[:, 1] - corners[:, 3], kind="stable")
+        bodies: List[np.ndarray] = []
+        sums: List[float] = []
+        for row in tallest_first[areas[tallest_first] >= LEAST_AREA]:
+            for body, box in enumerate(bodies):
+                union = np.hstack([np.minimum(box[:2], corners[row, :2]), np.maximum(box[2:], corners[row, 2:])])
+                width, height = union[2:] - union[:2]
+                if width <= self.config.body_aspect * height and height <= LONGEST * (box[3] - box[1]):
+                    bodies[body] = union
+                    sums[body] += areas[row]
+                    break
+            else:
+                bodies.append(corners[row])
+                sums.append(areas[row])
+        return np.array(bodies).reshape(-1, 4).T, np.array(sums)
