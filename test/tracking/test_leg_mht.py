@@ -17,7 +17,7 @@ def legs(*rows):
     rows = np.array(rows, dtype=float).reshape(-1, 5)
     stamps = np.zeros(len(rows), dtype=np.int64)
     spread = np.tile(np.diag([0.01, 0.01, 0.01, 0.01]), (len(rows), 1, 1))
-    return LegTracks(rows[:, 0].astype(np.int64), rows[:, 1:], spread, stamps, stamps)
+    return LegTracks(rows[:, 0].astype(np.int64), rows[:, 1:], spread, stamps, stamps, stamps)
 
 
 def walk(people, steps, *rows, config=CONFIG):
@@ -90,7 +90,7 @@ def test_the_body_is_as_certain_as_its_covariance_says(other_leg):
     for _ in range(2000):
         half = rng.normal(scale=[config.half_step_std] * 2 + [config.half_swing_std] * 2)
         means = np.array([half + rng.multivariate_normal(zero, good), -half + rng.multivariate_normal(zero, bad)])
-        mean, covariance = bodies(people, LegTracks(np.array([1, 2]), means, np.array([good, bad]), zero, zero), config)
+        mean, covariance = bodies(people, LegTracks(np.array([1, 2]), means, np.array([good, bad]), zero, zero, zero), config)
         total += mean[0, :2] @ np.linalg.solve(covariance[0, :2, :2], mean[0, :2])
     assert total / 2000 == pytest.approx(2.0, abs=0.2)
 

@@ -61,6 +61,7 @@ class LegTracks(NamedTuple):
         covariances: (T, 4, 4).
         born_ns: (T,).
         seen_ns: (T,) last detection.
+        rows: (T,) row of the newest scan's leg that it was found to be, or NONE.
     """
 
     ids: np.ndarray
@@ -68,12 +69,13 @@ class LegTracks(NamedTuple):
     covariances: np.ndarray
     born_ns: np.ndarray
     seen_ns: np.ndarray
+    rows: np.ndarray
 
     @staticmethod
     def empty() -> LegTracks:
         """No tracks."""
-        stamps = np.zeros(0, dtype=np.int64)
-        return LegTracks(stamps, np.zeros((0, 4)), np.zeros((0, 4, 4)), stamps, stamps)
+        none = np.zeros(0, dtype=np.int64)
+        return LegTracks(none, np.zeros((0, 4)), np.zeros((0, 4, 4)), none, none, none)
 
     def take(self, rows: np.ndarray) -> LegTracks:
         """Some of the tracks."""
@@ -217,6 +219,7 @@ class MultiHypothesisTracker:
         children = self._children(forest, costs)
         keys, members = self._members(forest, children, costs)
         leaves = self._tracks(tracks, keys, stamp_ns, positions[taken], covariances[taken], identities[taken])
+        leaves = leaves._replace(rows=np.append(taken, NONE)[leaves.rows])
         number = forest.next_hypothesis
         hypotheses = []
         for child, rows in zip(children, members):
@@ -356,7 +359,7 @@ class MultiHypothesisTracker:
             spreads[is_new, :2, :2] = covariances[measurement[is_new]]
             spreads[is_new, 2, 2] = spreads[is_new, 3, 3] = self.config.initial_speed_std**2
         seen[is_seen] = stamp_ns
-        return LegTracks(ids, means, spreads, born, seen)
+        return LegTracks(ids, means, spreads, born, seen, measurement)
 
     def _pruned(self, forest: Forest) -> Forest:
         """All but one old branch is dropped, then what no hypothesis holds (3.3.2)."""

@@ -11,11 +11,12 @@ import numpy as np
 from people_fusion.core.config import parameter, section
 from people_fusion.core.measurements import Measurement
 from people_fusion.core.tracks import NOBODY, Legs, Tracks
-from people_fusion.tracking.leg_hypotheses import FREE, Forest, LegTracks, MhtConfig, MultiHypothesisTracker
+from people_fusion.tracking.leg_hypotheses import FREE, NONE, Forest, LegTracks, MhtConfig, MultiHypothesisTracker
 from people_fusion.tracking.people_from_legs import People, PeopleConfig, accompany, bodies, recognise
 from people_fusion.tracking.tracker import TRACKERS, Tracker
 
 IDENTITIES_REMEMBERED = 4096
+LEGS = "legs"  # modality of what it takes
 
 
 @dataclass(frozen=True)
@@ -37,11 +38,16 @@ class _State(NamedTuple):
     stamp_ns: Optional[int]
     forest: Forest
     people: People
+    owners: np.ndarray
+
+    @staticmethod
+    def initial() -> _State:
+        return _State(None, Forest.seed(), People.nobody(), np.zeros(0, dtype=np.int64))
 
 
 @TRACKERS.register("leg_mht", LegMhtConfig)
 class LegMht(Tracker):
-    """Takes the legs of measurements and nothing else; what is late is taken as of now, with the noise of its age."""
+    """Takes legs and nothing else, which are as old as the newest scan; a late scan as of now, with its age as noise."""
 
     def __init__(self, config: LegMhtConfig) -> None:
         self.config = config
@@ -49,7 +55,7 @@ class LegMht(Tracker):
         self._identities: OrderedDict[Hashable, int] = OrderedDict()
         self._next_id = 1
         self._counts: Counter = Counter()
-        self._state = _State(None, Forest.seed(), People.nobody())
+        self._state = _State.initial()
 
     @property
     def stamp_ns(self) -> Optional[int]:
@@ -67,8 +73,15 @@ class LegMht(Tracker):
         """How many are kept."""
         return len(self._state.forest.hypotheses)
 
+    @property
+    def owners(self) -> np.ndarray:
+        """(L,) person to whom each leg of the newest scan was found to belong, or NOBODY; by the best hypothesis."""
+        return self._state.owners
+
     def process(self, measurement: Measurement) -> None:
         """See Tracker."""
+        if measurement.modality != LEGS:  # who sees no legs does not say that there are none
+            return
         before = self._state.stamp_ns
         elapsed_s = 0.0 if before is None else (measurement.stamp_ns - before) / 1e9
         age_s = max(-elapsed_s, 0.0)
@@ -76,7 +89,8 @@ class LegMht(Tracker):
             self._counts["measurements predicted forward"] += 1
         stamp_ns = measurement.stamp_ns if before is None else max(before, measurement.stamp_ns)
         forest = self._predicted(elapsed_s)
-        positions = measurement.legs[np.isfinite(measurement.legs).all(axis=1)]
+        placed = np.flatnonzero(np.isfinite(measurement.legs).all(axis=1))
+        positions = measurement.legs[placed]
         variance = self.config.leg_std**2 + (age_s * self.config.mht.initial_speed_std) ** 2
         people = self._state.people
         kinds = np.full(len(forest.tracks.ids), FREE)
@@ -92,7 +106,12 @@ class LegMht(Tracker):
         )
         legs = forest.tracks.take(np.array(forest.hypotheses[0].tracks, dtype=int))
         people = recognise(people, legs, stamp_ns, self.config.people, self._identity)
-        self._state = _State(stamp_ns, forest, people)
+        persons = {leg: person.id for person in people.persons for leg in person.legs}
+        owners = np.full(len(measurement.legs), NOBODY, dtype=np.int64)
+        for leg, row in zip(legs.ids.tolist(), legs.rows.tolist()):
+            if row != NONE:
+                owners[placed[row]] = persons.get(leg, NOBODY)
+        self._state = _State(stamp_ns, forest, people, owners)
 
     def tracks(self, stamp_ns: Optional[int] = None) -> Tracks:
         """See Tracker."""
@@ -149,7 +168,7 @@ class LegMht(Tracker):
 
     def reset(self) -> None:
         """See Tracker."""
-        self._state = _State(None, Forest.seed(), People.nobody())
+        self._state = _State.initial()
         self._identities.clear()
 
     def counters(self) -> Dict[str, int]:
@@ -158,7 +177,7 @@ class LegMht(Tracker):
 
     def _predicted(self, duration_s: float) -> Forest:
         """All tracks, legs of people with their person."""
-        stamp_ns, forest, people = self._state
+        stamp_ns, forest, people = self._state[:3]
         ahead = self._mht.predict(forest, duration_s)
         if stamp_ns is None or duration_s <= 0.0 or not self.config.adaptive:
             return ahead

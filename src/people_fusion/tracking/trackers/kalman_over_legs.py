@@ -1,0 +1,141 @@
+"""Legs by multiple hypotheses, people by a Kalman filter each, which every cue feeds.
+
+The leg tracker (Arras et al. 2012) says which legs of a scan are whose; where the person is says the Kalman tracker
+(Poschmann 2018), by the legs as they were measured. No filtered state is handed on, so that nothing counts twice.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Dict, NamedTuple, Optional
+
+import numpy as np
+
+from people_fusion.core.config import parameter, section
+from people_fusion.core.grids import OccupancyGrid
+from people_fusion.core.measurements import Measurement
+from people_fusion.core.tracks import NOBODY, Legs, Tracks
+from people_fusion.tracking.tracker import TRACKERS, Tracker
+from people_fusion.tracking.trackers.kalman import KalmanConfig, KalmanTracker
+from people_fusion.tracking.trackers.leg_mht import LEGS, LegMht, LegMhtConfig
+
+
+@dataclass(frozen=True)
+class KalmanOverLegsConfig(KalmanConfig):
+    """The Kalman tracker's options, the leg tracker's, and what is handed from one to the other."""
+
+    legs: LegMhtConfig = section(LegMhtConfig, "which legs are whose")
+    person_confidence: float = parameter(
+        0.9, "that a detection is a person whose legs are followed, if the cue does not say more", 0.0, 1.0
+    )
+    free_confidence: float = parameter(
+        1.0, "share of its confidence that a detection keeps if no leg of it is a person's; 0: it is left out", 0.0, 1.0
+    )
+
+
+class _State(NamedTuple):
+    people: object
+    legs: object
+
+
+@TRACKERS.register("kalman_over_legs", KalmanOverLegsConfig)
+class KalmanOverLegs(Tracker):
+    """See the module. Measurements without legs go to the Kalman tracker as they are."""
+
+    def __init__(self, config: KalmanOverLegsConfig) -> None:
+        self.config = config
+        self._people, self._legs = KalmanTracker(config), LegMht(config.legs)
+
+    @property
+    def stamp_ns(self) -> Optional[int]:
+        """See Tracker."""
+        return self._people.stamp_ns
+
+    def process(self, measurement: Measurement) -> None:
+        """See Tracker."""
+        if measurement.modality == LEGS:
+            self._legs.process(measurement)
+            measurement = regrouped(measurement, self._legs.owners, self.config)
+        self._people.process(measurement)
+
+    def tracks(self, stamp_ns: Optional[int] = None) -> Tracks:
+        """See Tracker."""
+        return self._people.tracks(stamp_ns)
+
+    def legs(self) -> Legs:
+        """See Tracker; a leg's owner is the track that is nearest to the person of the leg tracker."""
+        legs, persons, tracks = self._legs.legs(), self._legs.tracks(), self._people.tracks()
+        apart = np.hypot(*(persons.means[:, None, :2] - tracks.means[None, :, :2]).transpose(2, 0, 1))
+        owners = {NOBODY: NOBODY}
+        for person, distances in zip(persons.ids.tolist(), apart):
+            near = distances.min(initial=np.inf) < self.config.legs.people.leg_distance
+            owners[person] = int(tracks.ids[distances.argmin()]) if near else NOBODY
+        renamed = np.array([owners[owner] for owner in legs.owners.tolist()], dtype=np.int64)
+        return dataclasses.replace(legs, owners=renamed)
+
+    def snapshot(self) -> object:
+        """See Tracker."""
+        return _State(self._people.snapshot(), self._legs.snapshot())
+
+    def restore(self, snapshot: object) -> None:
+        """See Tracker."""
+        assert isinstance(snapshot, _State)
+        self._people.restore(snapshot.people)
+        self._legs.restore(snapshot.legs)
+
+    def reset(self) -> None:
+        """See Tracker."""
+        self._people.reset()
+        self._legs.reset()
+
+    def set_map(self, grid: Optional[OccupancyGrid]) -> None:
+        """See Tracker."""
+        self._people.set_map(grid)
+
+    def counters(self) -> Dict[str, int]:
+        """See Tracker."""
+        return {**self._people.counters(), **{f"legs: {name}": count for name, count in self._legs.counters().items()}}
+
+
+def regrouped(measurement: Measurement, owners: np.ndarray, config: KalmanOverLegsConfig) -> Measurement:
+    """The detections of a scan, one for each person with a leg in it and those no leg of which is a person's.
+
+    A person is at the middle of its legs. The covariance follows from the cue's of the detections that they were part
+    of, whatever errors these share: the middle of two positions is never known worse than these are on average, and
+    who is seen by one leg of a pair is half a step away from it.
+
+    Args:
+        measurement: with the legs that its detections are made of.
+        owners: (L,) person of each leg, or NOBODY.
+        config: see KalmanOverLegsConfig.
+    """
+    if len(measurement) == 0 or len(measurement.leg_owners) != len(owners):
+        return measurement
+    owned = np.flatnonzero(owners != NOBODY)
+    detections, sizes = measurement.leg_owners, np.bincount(measurement.leg_owners, minlength=len(measurement))
+    rows, positions, covariances, confidences = [], [], [], []
+    half_step = np.diag([config.legs.people.half_step_std**2] * 2 + [0.0])
+    for person in np.unique(owners[owned]).tolist():
+        legs = np.flatnonzero(owners == person)
+        parts = detections[legs]
+        whole = len(legs) == sizes[parts].max()
+        position = measurement.positions[parts].mean(axis=0)
+        position[:2] = measurement.legs[legs].mean(axis=0)
+        covariance = measurement.covariances[parts].mean(axis=0)
+        if len(legs) == 1 and not whole:
+            covariance = covariance + half_step
+        rows.append(parts[0])
+        positions.append(position)
+        covariances.append(covariance)
+        confidences.append(max(measurement.confidences[parts].max(), config.person_confidence))
+    free = np.setdiff1d(np.arange(len(measurement)), detections[owned]) if config.free_confidence else []
+    everybody = np.array([*rows, *free], dtype=int)
+    found = measurement.select(everybody)
+    count = len(rows)
+    return dataclasses.replace(
+        found,
+        positions=np.concatenate([np.reshape(positions, (-1, 3)), found.positions[count:]]),
+        covariances=np.concatenate([np.reshape(covariances, (-1, 3, 3)), found.covariances[count:]]),
+        confidences=np.concatenate([confidences, config.free_confidence * found.confidences[count:]]),
+    )
