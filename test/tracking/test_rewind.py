@@ -65,6 +65,40 @@ def test_what_is_older_than_all_that_is_remembered_is_refused(detect):
     assert past.counters() == {"late measurements dropped: beyond the memory": 1}
 
 
+@pytest.mark.parametrize("name", TRACKERS.names())
+def test_any_order_of_arrival_gives_what_the_sorted_run_gives(name, detect):
+    """Two people walk past each other, a lamp stands, a camera sees heads; all come up to half a second late."""
+    rng = np.random.default_rng(4)
+    entries = []
+    for step in range(60):
+        way = 0.1 * step
+        places = np.array([(way, 0.0), (6.0 - way, 0.6), (2.0, 2.0)])[rng.random(3) < 0.9]
+        entries.append(detect(way, *(places + rng.normal(0.0, 0.03, places.shape)), sequence=step))
+        head = detect(way + 0.05, (way + 0.05, 0.0), cue="camera", std=0.2, sequence=step)
+        none = np.zeros(0, dtype=int)
+        entries.append(dataclasses.replace(head, modality="head", legs=np.zeros((0, 2)), leg_owners=none))
+    past, sorted_run = (
+        Rewind(
+            TRACKERS.build(parse(TRACKERS.config_of(name, "tracker"), {})),
+            parse(BUFFERS.config_of("reprocess", "buffer"), {"replays_per_s": 100_000}),
+        )
+        for _ in range(2)
+    )
+    for row in np.argsort(np.arange(120) * 0.05 + rng.uniform(0.0, 0.5, 120), kind="stable").tolist():
+        assert past.process(entries[row])
+        past.tracker.tracks()
+    for entry in entries:
+        sorted_run.process(entry)
+    tracks, expected = past.tracker.tracks(), sorted_run.tracker.tracks()
+    assert len(expected) >= 2
+    for field in dataclasses.fields(tracks):
+        if field.name != "ids":
+            np.testing.assert_array_equal(getattr(tracks, field.name), getattr(expected, field.name))
+    legs = past.tracker.legs()
+    if legs is not None:
+        np.testing.assert_array_equal(legs.positions, sorted_run.tracker.legs().positions)
+
+
 def test_a_full_memory_costs_no_more_replays(detect):
     past = rewind(capacity=20)
     for step in range(40):

@@ -26,9 +26,6 @@ class KalmanOverLegsConfig(KalmanConfig):
     """The Kalman tracker's options, the leg tracker's, and what is handed from one to the other."""
 
     legs: LegMhtConfig = section(LegMhtConfig, "which legs are whose")
-    person_confidence: float = parameter(
-        0.9, "that a detection is a person whose legs are followed, if the cue does not say more", 0.0, 1.0
-    )
     free_confidence: float = parameter(
         1.0, "share of its confidence that a detection keeps if no leg of it is a person's; 0: it is left out", 0.0, 1.0
     )
@@ -112,30 +109,31 @@ def regrouped(measurement: Measurement, owners: np.ndarray, config: KalmanOverLe
     """
     if len(measurement) == 0 or len(measurement.leg_owners) != len(owners):
         return measurement
-    owned = np.flatnonzero(owners != NOBODY)
-    detections, sizes = measurement.leg_owners, np.bincount(measurement.leg_owners, minlength=len(measurement))
-    rows, positions, covariances, confidences = [], [], [], []
+    detections = measurement.leg_owners
+    sizes = np.bincount(detections, minlength=len(measurement))
     half_step = np.diag([config.legs.people.half_step_std**2] * 2 + [0.0])
-    for person in np.unique(owners[owned]).tolist():
-        legs = np.flatnonzero(owners == person)
+    # Legs of a person are a group, and so are those of a detection that are nobody's.
+    person = owners != NOBODY
+    keys = np.column_stack([person, np.where(person, owners, detections)])
+    _, firsts, groups = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    rows, positions, covariances, shares = [], [], [], []
+    for first in np.sort(firsts).tolist():  # in the scan's order: names are given in the order of arrival
+        legs = np.flatnonzero(groups == groups[first])
         parts = detections[legs]
-        whole = len(legs) == sizes[parts].max()
         position = measurement.positions[parts].mean(axis=0)
         position[:2] = measurement.legs[legs].mean(axis=0)
         covariance = measurement.covariances[parts].mean(axis=0)
-        if len(legs) == 1 and not whole:
+        if len(legs) < sizes[parts].max():
             covariance = covariance + half_step
-        rows.append(parts[0])
+        rows.append(parts[np.argmax(measurement.confidences[parts])])
         positions.append(position)
         covariances.append(covariance)
-        confidences.append(max(measurement.confidences[parts].max(), config.person_confidence))
-    free = np.setdiff1d(np.arange(len(measurement)), detections[owned]) if config.free_confidence else []
-    everybody = np.array([*rows, *free], dtype=int)
-    found = measurement.select(everybody)
-    count = len(rows)
-    return dataclasses.replace(
+        shares.append(1.0 if person[first] else config.free_confidence)
+    found = measurement.select(np.array(rows, dtype=int))
+    found = dataclasses.replace(
         found,
-        positions=np.concatenate([np.reshape(positions, (-1, 3)), found.positions[count:]]),
-        covariances=np.concatenate([np.reshape(covariances, (-1, 3, 3)), found.covariances[count:]]),
-        confidences=np.concatenate([confidences, config.free_confidence * found.confidences[count:]]),
+        positions=np.reshape(positions, (-1, 3)),
+        covariances=np.reshape(covariances, (-1, 3, 3)),
+        confidences=np.array(shares) * found.confidences,
     )
+    return found if config.free_confidence else found.select(np.array(shares) > 0.0)
