@@ -14,7 +14,7 @@ from people_fusion.core.poses import Pose
 from people_fusion.core.tracks import Tracks
 from people_fusion.core.transforms import FramesConfig, TransformSource
 from people_fusion.cues.heads.boxes import BoxConfig, Boxes, best_of_overlapping, overlaps
-from people_fusion.cues.heads.detector import Search, crops
+from people_fusion.cues.heads.detector import Search, crops, without_repeats
 from people_fusion.cues.heads.heads import HeadCue, HeadCueConfig
 from people_fusion.cues.heads.people import ground_search, heads_of_boxes, search_around
 
@@ -229,3 +229,21 @@ def test_of_overlapping_boxes_the_best_is_left_even_across_a_panoramas_seam():
 
 def test_told_detector_is_a_detector():
     assert Told(ToldConfig()).part == "head"
+
+
+def test_what_regions_share_is_searched_once_and_nothing_is_left_out():
+    search = ground_search(CAMERA, tilted(5.0), HEIGHT, FACE, HEIGHTS, RANGES)
+    once = without_repeats(search)
+    rng = np.random.default_rng(2)
+    middles, heights = rng.uniform(0.0, [CAMERA.width, CAMERA.height], (5000, 2)), np.exp(rng.uniform(2.0, 5.0, 5000))
+    boxes = np.column_stack([middles - 0.5 * heights[:, None], middles + 0.5 * heights[:, None]])
+    wanted, looked_at = search.wanted(boxes), once.wanted(boxes)
+    assert looked_at[wanted].all()
+    assert (once.heights[1:, 0] >= once.heights[:-1, 1] - 1e-9).all()  # each size in one region
+
+
+def test_regions_apart_are_searched_as_they_are():
+    corners = np.array([[10.0, 10.0, 30.0, 30.0], [300.0, 10.0, 320.0, 30.0], [10.0, 10.0, 30.0, 30.0]])
+    search = Search(corners, np.array([[10.0, 40.0], [10.0, 40.0], [100.0, 120.0]]))
+    once = without_repeats(search)
+    assert np.array_equal(once.corners, search.corners) and np.array_equal(once.heights, search.heights)

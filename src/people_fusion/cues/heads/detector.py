@@ -52,11 +52,53 @@ class Crop(NamedTuple):
     heights: np.ndarray
 
 
-def crops(image: Image, search: Search) -> Iterator[Crop]:
-    """The piece of the image that each region of a search needs: with a margin of half the largest box."""
+def without_repeats(search: Search, octaves: float = 0.5) -> Search:
+    """A search of at least the same, in which hardly anything is looked at twice.
+
+    Where regions overlap in place and in size, what is searched is cut by size instead: of each interval the smallest
+    region that holds all those that want it.
+
+    Args:
+        search: R regions.
+        octaves: of an interval of sizes, about.
+    """
+    corners, heights = search
+    margins = 0.5 * heights[:, 1:]
+    low, high = corners[:, :2] - margins, corners[:, 2:] + margins
+    meet = ((low[:, None] < high[None]) & (low[None] < high[:, None])).all(axis=2)
+    meet &= (heights[:, None, 0] < heights[None, :, 1]) & (heights[None, :, 0] < heights[:, None, 1])
+    found = []
+    free = np.ones(len(corners), dtype=bool)
+    while free.any():
+        group = np.zeros(len(corners), dtype=bool)
+        group[np.argmax(free)] = True
+        while (grown := meet[group].any(axis=0)).sum() > group.sum():
+            group = grown
+        free &= ~group
+        members, sizes = corners[group], heights[group]
+        least, largest = max(float(sizes[:, 0].min()), 1.0), float(sizes[:, 1].max())
+        count = max(round(np.log2(largest / least) / octaves), 1) if len(members) > 1 else 1
+        edges = np.geomspace(least, largest, count + 1)
+        for lower, upper in zip(edges[:-1], edges[1:]):
+            wants = (sizes[:, 0] < upper) & (sizes[:, 1] > lower)
+            if wants.any():
+                found.append([*members[wants, :2].min(axis=0), *members[wants, 2:].max(axis=0), lower, upper])
+    table = np.array(found).reshape(-1, 6)
+    return Search(table[:, :4], table[:, 4:])
+
+
+def crops(image: Image, search: Search, window: float = 1.0) -> Iterator[Crop]:
+    """The pieces of the image that a search needs.
+
+    What is seen in windows of neighbouring sizes may be in several of them.
+
+    Args:
+        image, search: as given to `Detector.detect`.
+        window: height of what is looked at, over that of the box; the margin is half of the largest.
+    """
     height, width = image.grey.shape
-    for corners, heights in zip(search.corners, search.heights):
-        margin = 0.5 * min(heights[1], height)
+    for corners, heights in zip(*without_repeats(search)):
+        margin = 0.5 * min(window * heights[1], height)
         top, bottom = np.clip([corners[1] - margin, corners[3] + margin], 0, height).round().astype(int)
         left, right = np.round([corners[0] - margin, corners[2] + margin]).astype(int)
         if image.camera.wraps:

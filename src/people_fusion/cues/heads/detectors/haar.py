@@ -15,6 +15,8 @@ from people_fusion.cues.heads.boxes import BoxConfig, Boxes
 from people_fusion.cues.heads.detector import DETECTORS, Crop, Detector, Search, crops, gathered
 
 OVERLAP = 0.3
+SIMILAR = 0.2  # of their size, by which windows differ that agree; OpenCV's own
+NO_WINDOWS = np.zeros((0, 4), dtype=int)
 DEBIAN = ("/usr/share/opencv4/haarcascades", "/usr/share/opencv/haarcascades", "/usr/local/share/opencv4/haarcascades")
 
 
@@ -65,41 +67,43 @@ class HaarDetector(Detector):
 
     def detect(self, image: Image, search: Search) -> Boxes:
         """See Detector."""
-        finds: List[Boxes] = []
-        for crop in crops(image, search):
-            finds.append(self._finds(crop))
-            if self.mirrored:
-                there = self._finds(crop._replace(grey=np.ascontiguousarray(crop.grey[:, ::-1])))
-                left, width = crop.left, crop.grey.shape[1]
-                corners = there.corners.copy()
-                corners[:, [0, 2]] = 2 * left + width - there.corners[:, [2, 0]]
-                finds.append(there._replace(corners=corners))
+        step = self.config.step
+        pieces = list(crops(image, search._replace(heights=search.heights * [1.0 / step, step])))
+        finds = [self._agreed([self._windows(crop) for crop in pieces])]
+        if self.mirrored:
+            finds.append(self._agreed([self._mirrored_windows(crop) for crop in pieces]))
         return gathered(finds, image, search, OVERLAP)
 
-    def _finds(self, crop: Crop) -> Boxes:
-        aspect = self._aspect
-        least, largest = crop.heights
-        found, counts = self._cascade.detectMultiScale2(
+    def _windows(self, crop: Crop) -> np.ndarray:
+        """(N, 4) left, top, width and height of all windows in which the cascade sees what it knows."""
+        found = self._cascade.detectMultiScale(
             crop.grey,
             self.config.step,
-            self.config.neighbours,
             0,
-            (int(least * aspect + 0.5), int(least + 0.5)),
-            (int(min(largest * aspect, crop.grey.shape[1])), int(min(largest, crop.grey.shape[0]))),
+            0,
+            (1, int(np.ceil(crop.heights[0]))),
+            (crop.grey.shape[1], int(min(crop.heights[1], crop.grey.shape[0]))),
         )
+        return np.asarray(found, dtype=int).reshape(-1, 4) + [crop.left, crop.top, 0, 0]
+
+    def _mirrored_windows(self, crop: Crop) -> np.ndarray:
+        there = self._windows(crop._replace(grey=np.ascontiguousarray(crop.grey[:, ::-1])))
+        there[:, 0] = 2 * crop.left + crop.grey.shape[1] - there[:, 0] - there[:, 2]
+        return there
+
+    def _agreed(self, windows: List[np.ndarray]) -> Boxes:
+        """Those that enough windows, of whatever piece and size, agree on."""
+        import cv2  # 100 MB: not for those who see no images
+
+        neighbours = self.config.neighbours
+        found, counts = cv2.groupRectangles(np.concatenate([NO_WINDOWS, *windows]).tolist(), neighbours, SIMILAR)
         if not len(found):
             return Boxes.none()
         x, y, w, h = np.asarray(found, dtype=float).T
         scores = np.ravel(counts).astype(float)
         # Each doubling of the windows that agree halves the doubt.
-        doubt = (1.0 - self.config.confidence) * max(self.config.neighbours, 1) / np.maximum(scores, 1.0)
-        corners = np.column_stack([x, y, x + w, y + h]) + [crop.left, crop.top, crop.left, crop.top]
-        return Boxes(corners, scores, np.clip(1.0 - doubt, 0.0, 1.0))
-
-    @property
-    def _aspect(self) -> float:
-        width, height = self._cascade.getOriginalWindowSize()
-        return float(width / height)
+        doubt = (1.0 - self.config.confidence) * max(neighbours, 1) / np.maximum(scores, 1.0)
+        return Boxes(np.column_stack([x, y, x + w, y + h]), scores, np.clip(1.0 - doubt, 0.0, 1.0))
 
 
 @DETECTORS.register("haar_face", HaarFaceConfig)

@@ -55,25 +55,20 @@ class HogBody(Detector):
 
     def detect(self, image: Image, search: Search) -> Boxes:
         """See Detector."""
-        windows = search._replace(heights=search.heights * [1.0, WINDOW[1] / PERSON[1]])  # so that the pieces hold them
-        return gathered([self._finds(crop) for crop in crops(image, windows)], image, search, OVERLAP)
-
-    def _finds(self, crop: Crop) -> Boxes:
-        finds = [self._level(crop, float(scale)) for scale in self._scales(crop)]
-        boxes = Boxes(*(np.concatenate(columns) for columns in zip(Boxes.none(), *finds)))
-        return self._merged(boxes)
+        step = self.config.step
+        neighbours_too = search._replace(heights=search.heights * [1.0 / step, step])
+        finds = [Boxes.none()]
+        for crop in crops(image, neighbours_too, WINDOW[1] / PERSON[1]):
+            finds += [self._level(crop, float(scale)) for scale in self._scales(crop)]
+        boxes = Boxes(*(np.concatenate(columns) for columns in zip(*finds)))
+        return gathered([self._merged(boxes)], image, search, OVERLAP)
 
     def _scales(self, crop: Crop) -> np.ndarray:
-        """Powers of the step, whatever is searched, at which the piece holds a window and a person is of its size."""
-        step, (rows, columns) = np.log(self.config.step), crop.grey.shape
-        least = max(crop.heights[0] / PERSON[1], 1.0 / self.config.enlarge)
-        largest = min(
-            crop.heights[1] / WINDOW[1],
-            columns / (WINDOW[0] - 2 * PADDING + 1),
-            rows / (WINDOW[1] - 2 * PADDING + 1),
-        )
-        first, last = np.log([least, max(largest, 1e-6)]) / step
-        return np.asarray(np.exp(step * np.arange(np.floor(first + 1e-9), np.floor(last + 1e-9) + 1.0)))
+        """Powers of the step, whatever is searched, at which a person is of a size that is wanted."""
+        least, largest = crop.heights[0] / PERSON[1], min(crop.heights[1], crop.grey.shape[0]) / PERSON[1]
+        sizes = np.array([max(least, 1.0 / self.config.enlarge), max(largest, 1e-6)])
+        first, end = np.ceil(np.log(sizes) / np.log(self.config.step) - 1e-9)
+        return np.asarray(self.config.step ** np.arange(first, end))
 
     def _level(self, crop: Crop, scale: float) -> Boxes:
         import cv2
