@@ -29,6 +29,7 @@ LAUNCHES: Dict[str, List[str]] = {
     "scitos.launch": ["/people_fusion"],
     "scitos.launch preset:=volkhardt compatible:=strands composed:=false": ["/leg_cue_front", "/people_tracker"],
     f"replay.launch {BAG}": ["/leg_cue_front", "/leg_cue_rear", "/people_tracker", "/player", "/rviz"],
+    f"replay.launch {BAG} rviz:=false scan_rear:=none preset:=leg_mht": ["/leg_cue_front", "/people_tracker", "/player"],
     f"replay.launch {BAG} rviz:=false loop:=true composed:=true": ["/people_fusion", "/player"],
 }
 
@@ -126,4 +127,5 @@ def displays(entry: object) -> List[dict]:
 def test_rviz_file_shows_what_the_nodes_publish() -> None:
     shown = displays(yaml.safe_load((CONFIG / "people_fusion.rviz").read_text(encoding="utf-8")))
     topics = {display.get("Topic") or display.get("Marker Topic") for display in shown}
-    assert {"/map", "/people_fusion/markers", "/people_fusion/detection_markers", "/scan_front", "/scan_rear"} <= topics
+    assert {"/map", "/scan_front", "/scan_rear"} <= topics
+    assert {f"/people_fusion/{name}" for name in ("markers", "detection_markers", "leg_markers")} <= topics

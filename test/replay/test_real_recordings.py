@@ -31,9 +31,10 @@ OTHERS = (
 )
 
 
+@pytest.mark.parametrize("preset", ["default", "leg_mht"])
 @pytest.mark.parametrize("name", SMOKE)
-def test_smoke_bags_run_without_a_flag(recordings: Path, name: str) -> None:
-    outcome = replay(recordings / "smoke_bags" / name, load_config(), Selection(duration_s=5.0))
+def test_smoke_bags_run(recordings: Path, name: str, preset: str) -> None:
+    outcome = replay(recordings / "smoke_bags" / name, load_config(preset), Selection(duration_s=5.0))
     topic, world = SMOKE[name]
     assert [scan.name for scan in outcome.sources.scans] == [topic]
     assert outcome.sources.frames.world == world
@@ -46,7 +47,7 @@ def test_labelled_scans_are_preferred(recordings: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("preset", ["default", "poschmann_t1", "volkhardt"])
+@pytest.mark.parametrize("preset", ["default", "poschmann_t1", "volkhardt", "leg_mht"])
 @pytest.mark.parametrize("name", [*(f"smoke_bags/{name}" for name in SMOKE), *OTHERS])
 def test_whole_recordings_run_with_every_preset(recordings: Path, name: str, preset: str) -> None:
     outcome = replay(recordings / name, load_config(preset), Selection())

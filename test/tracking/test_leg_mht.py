@@ -90,7 +90,8 @@ def test_the_body_is_as_certain_as_its_covariance_says(other_leg):
     for _ in range(2000):
         half = rng.normal(scale=[config.half_step_std] * 2 + [config.half_swing_std] * 2)
         means = np.array([half + rng.multivariate_normal(zero, good), -half + rng.multivariate_normal(zero, bad)])
-        mean, covariance = bodies(people, LegTracks(np.array([1, 2]), means, np.array([good, bad]), zero, zero, zero), config)
+        tracks = LegTracks(np.array([1, 2]), means, np.array([good, bad]), zero, zero, zero)
+        mean, covariance = bodies(people, tracks, config)
         total += mean[0, :2] @ np.linalg.solve(covariance[0, :2, :2], mean[0, :2])
     assert total / 2000 == pytest.approx(2.0, abs=0.2)
 

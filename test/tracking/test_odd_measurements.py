@@ -15,9 +15,11 @@ from people_fusion.tracking.tracker import TRACKERS
 PRESETS = ("default", "poschmann_t1", "volkhardt")
 
 
-@pytest.fixture(params=PRESETS)
+@pytest.fixture(params=[*PRESETS, "kalman_over_legs"])
 def tracker(request):
-    return TRACKERS.build(load_config(request.param).tracker)
+    if request.param in PRESETS:
+        return TRACKERS.build(load_config(request.param).tracker)
+    return TRACKERS.build(parse(TRACKERS.config_of(request.param, "tracker"), {}))
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, 1e300])

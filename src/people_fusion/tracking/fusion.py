@@ -171,9 +171,7 @@ class Fusion:
     def _find_world(self, stamp_ns: int) -> bool:
         """Look for world_from_tracking; where it is not there yet, the last remains."""
         try:
-            self._world_from_tracking = self.transforms.lookup(
-                self.config.frames.world, self.tracking_frame, stamp_ns
-            )
+            self._world_from_tracking = self.transforms.lookup(self.config.frames.world, self.tracking_frame, stamp_ns)
         except TransformUnavailable:
             return False
         return True
@@ -263,9 +261,7 @@ def move_legs(legs: Legs, transform: UncertainTransform, frame_id: str) -> Legs:
     positions[:, :2], covariances[:, :2, :2] = legs.positions, legs.covariances
     positions, covariances, jacobians = transform.transform(positions, covariances)
     covariances = covariances + jacobians @ transform.shared_covariance @ jacobians.swapaxes(-1, -2)
-    return dataclasses.replace(
-        legs, frame_id=frame_id, positions=positions[:, :2], covariances=covariances[:, :2, :2]
-    )
+    return dataclasses.replace(legs, frame_id=frame_id, positions=positions[:, :2], covariances=covariances[:, :2, :2])
 
 
 def _move_flat(points: np.ndarray, transform: UncertainTransform) -> np.ndarray:

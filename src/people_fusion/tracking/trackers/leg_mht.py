@@ -13,6 +13,7 @@ from people_fusion.core.measurements import Measurement
 from people_fusion.core.tracks import NOBODY, Legs, Tracks
 from people_fusion.tracking.leg_hypotheses import FREE, NONE, Forest, LegTracks, MhtConfig, MultiHypothesisTracker
 from people_fusion.tracking.people_from_legs import People, PeopleConfig, accompany, bodies, recognise
+from people_fusion.tracking.plausible import FARTHEST_M
 from people_fusion.tracking.tracker import TRACKERS, Tracker
 
 IDENTITIES_REMEMBERED = 4096
@@ -47,7 +48,7 @@ class _State(NamedTuple):
 
 @TRACKERS.register("leg_mht", LegMhtConfig)
 class LegMht(Tracker):
-    """Takes legs and nothing else, which are as old as the newest scan; a late scan as of now, with its age as noise."""
+    """Takes legs and nothing else: it is as old as the newest scan. A late scan counts as of now, its age as noise."""
 
     def __init__(self, config: LegMhtConfig) -> None:
         self.config = config
@@ -89,7 +90,8 @@ class LegMht(Tracker):
             self._counts["measurements predicted forward"] += 1
         stamp_ns = measurement.stamp_ns if before is None else max(before, measurement.stamp_ns)
         forest = self._predicted(elapsed_s)
-        placed = np.flatnonzero(np.isfinite(measurement.legs).all(axis=1))
+        with np.errstate(invalid="ignore"):
+            placed = np.flatnonzero((np.abs(measurement.legs) < FARTHEST_M).all(axis=1))
         positions = measurement.legs[placed]
         variance = self.config.leg_std**2 + (age_s * self.config.mht.initial_speed_std) ** 2
         people = self._state.people
