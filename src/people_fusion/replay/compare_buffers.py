@@ -380,7 +380,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="compare_buffers", description=__doc__)
     add = parser.add_argument
     add("bag", type=Path, help="ROS 1 bag with scans; announcements and detections of other cues are taken, too")
-    add("--config", metavar="FILE", help="preset: default, poschmann_t1, volkhardt or a YAML file (default: default)")
+    add("--config", metavar="FILE", help="preset by its name, or a YAML file (default: default)")
     add("--set", metavar="KEY=VALUE", action="append", default=[], help="over the preset, e.g. tracker/gate=9.2")
     add("--ground-truth", metavar="TOPIC", help="annotated people (default: found by name and type)")
     names = "; ".join(POLICIES)

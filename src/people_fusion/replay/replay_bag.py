@@ -182,7 +182,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="replay_bag", description=__doc__)
     add = parser.add_argument
     add("bag", type=Path, help="ROS 1 bag")
-    add("--config", metavar="FILE", help="preset: default, poschmann_t1, volkhardt or a YAML file (default: default)")
+    add("--config", metavar="FILE", help="preset by its name, or a YAML file (default: default)")
     add("--set", metavar="KEY=VALUE", action="append", default=[], help="over the preset, e.g. buffer/type=drop")
     add("--scan", metavar="TOPIC", nargs="+", action="extend", default=[], help="default: one of each scanner")
     add("--world-frame", metavar="FRAME", help="frame of the tracks (default: map, else odom, else the scanner's)")

@@ -74,7 +74,7 @@ def load_config(
     """A preset with overrides laid over it.
 
     Args:
-        preset: YAML file, or the name of one in config/ ("default", "poschmann_t1", "volkhardt"); None is "default".
+        preset: YAML file, or the name of one in config/ such as "volkhardt"; None is "default".
         overrides: nested mapping.
 
     Raises:
