@@ -67,7 +67,7 @@ class DnnBodyConfig:
     score_scale: float = parameter(0.05, "of the scores about that", low=1e-3)
     enlarge: float = parameter(1.0, "of the image at most, for people of less than 40 rows", 1.0, 4.0)
     box: BoxConfig = section(
-        lambda: BoxConfig(height=1.72, height_std=0.2, head_above=0.74, head_above_std=0.1, across_std=0.1),
+        lambda: BoxConfig(height=1.75, height_std=0.16, head_above=0.75, head_above_std=0.08, across_std=0.08),
         "what a box holds",
     )
 

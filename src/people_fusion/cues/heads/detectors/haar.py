@@ -76,15 +76,15 @@ class HaarDetector(Detector):
 
     def _windows(self, crop: Crop) -> np.ndarray:
         """(N, 4) left, top, width and height of all windows in which the cascade sees what it knows."""
+        least, largest = int(np.ceil(crop.heights[0])), int(min(crop.heights[1], crop.grey.shape[0]))
+        if largest < self._cascade.getOriginalWindowSize()[1]:
+            return NO_WINDOWS
         found = self._cascade.detectMultiScale(
-            crop.grey,
-            self.config.step,
-            0,
-            0,
-            (1, int(np.ceil(crop.heights[0]))),
-            (crop.grey.shape[1], int(min(crop.heights[1], crop.grey.shape[0]))),
+            crop.grey, self.config.step, 0, 0, (1, least), (crop.grey.shape[1], largest)
         )
-        return np.asarray(found, dtype=int).reshape(-1, 4) + [crop.left, crop.top, 0, 0]
+        windows = np.asarray(found, dtype=int).reshape(-1, 4)
+        windows = windows[windows[:, 3] >= least]  # where no size fits OpenCV takes another
+        return windows + [crop.left, crop.top, 0, 0]
 
     def _mirrored_windows(self, crop: Crop) -> np.ndarray:
         there = self._windows(crop._replace(grey=np.ascontiguousarray(crop.grey[:, ::-1])))

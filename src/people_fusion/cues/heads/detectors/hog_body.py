@@ -27,11 +27,11 @@ class HogBodyConfig:
     enlarge: float = parameter(1.0, "of the image at most; people of 96 rows are found without", 1.0, 4.0)
     threshold: float = parameter(0.0, "of the SVM's response, from which a window is a find")
     agree: int = parameter(2, "windows that must see the same", low=1)
-    score_at_half: float = parameter(0.55, "response of finds half of which are people")
-    score_scale: float = parameter(0.35, "of the responses about that", low=1e-3)
+    score_at_half: float = parameter(0.7, "response of finds half of which are people")
+    score_scale: float = parameter(0.3, "of the responses about that", low=1e-3)
     confidence: float = parameter(0.9, "at most, however high the response", 0.0, 1.0)
     box: BoxConfig = section(
-        lambda: BoxConfig(height=1.72, height_std=0.2, head_above=0.74, head_above_std=0.1, across_std=0.1),
+        lambda: BoxConfig(height=1.75, height_std=0.14, head_above=0.78, head_above_std=0.08, across_std=0.08),
         "what a box holds",
     )
 

@@ -30,9 +30,9 @@ class MotionConfig:
     largest_share: float = parameter(0.4, "of the image that may change; if more does it is the light", 0.01, 1.0)
     least_fill: float = parameter(0.15, "of a box that must have changed", 0.0, 1.0)
     largest_aspect: float = parameter(1.5, "of a body, width over height", low=0.1)
-    confidence: float = parameter(0.4, "that what moves is a person", 0.0, 1.0)
+    confidence: float = parameter(0.5, "that what moves is a person", 0.0, 1.0)
     box: BoxConfig = section(
-        lambda: BoxConfig(height=1.6, height_std=0.35, head_above=0.68, head_above_std=0.2, across_std=0.2),
+        lambda: BoxConfig(height=1.75, height_std=0.25, head_above=0.78, head_above_std=0.15, across_std=0.15),
         "what a box holds",
     )
 
