@@ -1,0 +1,176 @@
+"""How a simulated room looks: floor, walls with pictures and skirting, ceiling with lamps."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from people_fusion.core.cameras import Camera
+from people_fusion.simulation import planar, rays
+from people_fusion.simulation.plan import Plan
+
+CEILING_M, PICTURES_M, SKIRTING_M = 2.8, (1.25, 1.95), 0.09
+PANEL_M, TILE_M, LAMP_M = 1.6, 0.5, 1.8
+THIN_M = 0.05  # circles that are thinner are legs of furniture, up to the knee
+KNEE_M = 0.45
+TEXTURE = 512  # texels, a centimetre each
+CHANCES = 97  # values of the table that panels take theirs from
+
+
+class Backdrop(NamedTuple):
+    """What is behind the people.
+
+    Attributes:
+        colours: (H, W, 3) float32, blue, green, red, 0 to 255.
+        distances: (H, W) along the floor to what hides people, metres.
+    """
+
+    colours: np.ndarray
+    distances: np.ndarray
+
+
+class Light:
+    """Brightness over the floor: one side is nearer to the windows."""
+
+    def __init__(self, strength: float, rng: np.random.Generator) -> None:
+        self._gradient = strength * planar.direction(rng.uniform(-np.pi, np.pi))
+
+    def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Factor of brightness at places."""
+        return np.asarray(1.0 + np.tanh(self._gradient[0] * x + self._gradient[1] * y))
+
+
+class RoomPainter:
+    """Paints a plan as a camera sees it that moves over the floor.
+
+    Args:
+        plan: what stands in the room.
+        camera: the model.
+        level_from_camera: (3, 3) its rotation on the robot.
+        height: of the camera over the floor, metres.
+        light: of the room.
+        rng: of the walls' colours and pictures, the same for all cameras.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        camera: Camera,
+        level_from_camera: np.ndarray,
+        height: float,
+        light: Light,
+        rng: np.random.Generator,
+    ) -> None:
+        self._plan, self._height, self._light = plan, height, light
+        columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+        looks = camera.rays(np.column_stack([columns.ravel(), rows.ravel()]).astype(float)) @ level_from_camera.T
+        looks = np.where(np.isfinite(looks), looks, 0.0)
+        flat = np.maximum(np.hypot(looks[:, 0], looks[:, 1]), 1e-6)
+        shape = (camera.height, camera.width)
+        self._slopes = np.float32(looks[:, 2] / flat).reshape(shape)
+        self._directions = np.float32(looks[:, :2] / flat[:, None]).reshape(*shape, 2)
+        self._beams = 4 * camera.width  # half a pixel or finer at the usual fields of view
+        azimuths = np.arctan2(looks[:, 1], looks[:, 0]).reshape(shape)
+        self._beam_of_pixel = np.round((azimuths + np.pi) * (self._beams / (2.0 * np.pi))).astype(int) % self._beams
+        self._used = np.unique(self._beam_of_pixel)
+        surfaces = len(plan.segments) + len(plan.radii) + 1
+        self._colours = np.float32(rng.uniform(105.0, 225.0, (surfaces, 1)) * rng.uniform(0.85, 1.0, (surfaces, 3)))
+        self._noise = _noise(rng)
+        self._chances = rng.random((CHANCES, 5)).astype(np.float32)
+        self._floor = np.float32(rng.uniform(80.0, 150.0) * rng.uniform(0.8, 1.0, 3))
+        self._last = (np.full(3, np.nan), None)
+
+    def paint(self, pose: np.ndarray) -> Backdrop:
+        """The room seen from the pose (3,) of the camera's level frame in the plane; not to be changed."""
+        if self._last[1] is None or not np.array_equal(self._last[0], pose):
+            self._last = (np.array(pose), self._painted(pose))
+        return self._last[1]
+
+    def _painted(self, pose: np.ndarray) -> Backdrop:
+        distances, surfaces, along = (column[self._beam_of_pixel] for column in self._cast(pose))
+        cos, sin = np.float32(np.cos(pose[2])), np.float32(np.sin(pose[2]))
+        ahead, left = self._directions[..., 0], self._directions[..., 1]
+        levels = self._height + distances * self._slopes
+        on_floor, on_ceiling = levels < 0.0, levels > CEILING_M
+        with np.errstate(divide="ignore", invalid="ignore"):
+            reach = np.where(on_floor, -self._height / self._slopes, distances)
+            reach = np.where(on_ceiling, (CEILING_M - self._height) / self._slopes, reach)
+        x = np.float32(pose[0]) + reach * (cos * ahead - sin * left)
+        y = np.float32(pose[1]) + reach * (sin * ahead + cos * left)
+        colours = np.empty((*levels.shape, 3), dtype=np.float32)
+        walls = ~(on_floor | on_ceiling)
+        colours[walls] = self._walls(surfaces[walls], along[walls], levels[walls])
+        colours[on_floor] = self._floors(x[on_floor], y[on_floor])
+        colours[on_ceiling] = _ceiling(x[on_ceiling], y[on_ceiling])
+        light = np.float32(self._light.at(x, y) * np.clip(1.1 - 0.03 * reach, 0.6, 1.1))
+        return Backdrop(colours * light[..., None], distances)
+
+    def _cast(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of every beam: distance, number of the surface, place along it, metres."""
+        plan = self._plan
+        tall = plan.radii >= THIN_M
+        azimuths = self._used * (2.0 * np.pi / self._beams) - np.pi + pose[2]
+        directions = planar.direction(azimuths)
+        origins = np.broadcast_to(pose[:2], directions.shape)
+        centres = np.broadcast_to(plan.centres[tall], (len(origins), int(tall.sum()), 2))
+        ranges, hits, _ = rays.cast(origins, directions, plan.segments, centres, plan.radii[tall])
+        ranges = np.minimum(ranges, 60.0)
+        points = origins + ranges[:, None] * directions
+        along = 3.0 * azimuths  # about a circle
+        flat = (hits >= 0) & (hits < len(plan.segments))
+        first, second = plan.segments[hits[flat], 0], plan.segments[hits[flat], 1]
+        way = second - first
+        way /= np.linalg.norm(way, axis=1, keepdims=True)
+        along[flat] = np.sum((points[flat] - first) * way, axis=1)
+        table = np.zeros((3, self._beams), dtype=np.float32)
+        table[:, self._used] = ranges, hits, along
+        return table[0], table[1].astype(int), table[2]
+
+    def _walls(self, surfaces: np.ndarray, along: np.ndarray, levels: np.ndarray) -> np.ndarray:
+        colours = self._colours[surfaces] * (1.0 + 0.25 * self._grain(along, levels))[:, None]
+        colours *= (0.82 + 0.07 * np.clip(levels, 0.0, CEILING_M))[:, None]
+        panels = np.floor(along / PANEL_M).astype(int)
+        chance = self._chances[(31 * surfaces + 7 * panels) % CHANCES]
+        within = along - panels * PANEL_M
+        half = 0.25 + 0.3 * chance[:, 1]
+        off = np.abs(within - 0.5 * PANEL_M)
+        bottom = PICTURES_M[0] - 0.3 * chance[:, 2]
+        has = (chance[:, 0] < 0.45) & (off < half) & (levels > bottom) & (levels < PICTURES_M[1])
+        edge = has & ((off > half - 0.03) | (levels < bottom + 0.03) | (levels > PICTURES_M[1] - 0.03))
+        picture = self._grain(3.0 * along + 50.0 * chance[:, 3], 3.0 * levels)[has]
+        colours[has] = 110.0 + 70.0 * picture[:, None] + 120.0 * (chance[has, 2:5] - 0.5)
+        colours[edge] = 35.0
+        colours[levels < SKIRTING_M] *= 0.55
+        return colours
+
+    def _floors(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        tiles = self._chances[(13 * np.floor(x / TILE_M).astype(int) + 5 * np.floor(y / TILE_M).astype(int)) % CHANCES]
+        joint = np.minimum(np.abs(x / TILE_M - np.round(x / TILE_M)), np.abs(y / TILE_M - np.round(y / TILE_M)))
+        shade = (0.93 + 0.14 * tiles[:, 0] + 0.2 * self._grain(x, y)) * np.where(joint < 0.012, 0.75, 1.0)
+        return np.float32(self._floor * shade[:, None])
+
+    def _grain(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        columns, rows = (100.0 * x).astype(int) % TEXTURE, (100.0 * y).astype(int) % TEXTURE
+        return np.asarray(self._noise[rows, columns])
+
+
+def _ceiling(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    off = np.maximum(
+        np.abs(x / LAMP_M - np.round(x / LAMP_M)) * LAMP_M, 0.5 * np.abs(y / LAMP_M - np.round(y / LAMP_M)) * LAMP_M
+    )
+    return np.where(off < 0.16, 252.0, 205.0)[:, None] * np.ones(3, np.float32)
+
+
+def _noise(rng: np.random.Generator) -> np.ndarray:
+    """(TEXTURE, TEXTURE) smooth and rough together, about -1 to 1, which goes on round the edges."""
+    import cv2  # 100 MB: not for those who simulate no images
+
+    total = np.zeros((TEXTURE, TEXTURE), dtype=np.float32)
+    for cells in (8, 32, 128, TEXTURE):
+        layer = np.pad(rng.standard_normal((cells, cells)).astype(np.float32), 2, mode="wrap")
+        size = TEXTURE * (cells + 4) // cells
+        margin = (size - TEXTURE) // 2
+        layer = cv2.resize(layer, (size, size), interpolation=cv2.INTER_CUBIC)
+        total += layer[margin : margin + TEXTURE, margin : margin + TEXTURE]
+    return total / 4.0
