@@ -56,13 +56,27 @@ def test_two_detections_of_one_person_become_one_that_is_no_better_known():
     np.testing.assert_allclose(found.covariances[0, 0, 0], 1.5e-4)
 
 
-def test_a_leg_that_the_cue_paired_with_something_else_is_half_a_step_from_the_body():
-    found = regrouped(scan([(1.0, 0.1), (1.0, -0.3)]), owners(7, NOBODY), CONFIG)
+def test_a_leg_that_the_cue_paired_with_a_person_is_the_second_of_one_who_shows_no_other():
+    entry = scan([(1.0, 0.1), (1.0, -0.3)])
+    found = regrouped(entry, owners(7, NOBODY), CONFIG)
+    np.testing.assert_array_equal(found.positions, entry.positions)
+    np.testing.assert_array_equal(found.confidences, entry.confidences)
+
+
+def test_a_leg_that_the_cue_paired_with_one_of_a_whole_person_is_half_a_step_from_its_body():
+    found = regrouped(scan([(1.0, 0.1), (1.0, 0.5)], [(1.0, -0.1)]), owners(7, NOBODY, 7), CONFIG)
     half_step = CONFIG.legs.people.half_step_std
-    np.testing.assert_allclose(found.positions[:, :2], [[1.0, 0.1], [1.0, -0.3]])
-    np.testing.assert_allclose(found.covariances[:, 0, 0], 1e-4 + half_step**2)
-    np.testing.assert_allclose(found.confidences, [0.6, 0.3])
+    np.testing.assert_allclose(found.positions[:, :2], [[1.0, 0.0], [1.0, 0.5]])
+    np.testing.assert_allclose(found.covariances[:, 0, 0], [1.5e-4, 1e-4 + half_step**2])
+    np.testing.assert_allclose(found.confidences, [0.8, 0.3])
     assert not found.covariances[:, 2].any() and not found.covariances[:, :, 2].any()
+
+
+def test_two_legs_too_far_apart_are_what_the_cue_says():
+    entry = scan([(1.0, 0.0)], [(2.0, 0.0)])
+    found = regrouped(entry, owners(7, 7), CONFIG)
+    np.testing.assert_array_equal(found.positions, entry.positions)
+    np.testing.assert_allclose(found.confidences, 0.5 * entry.confidences)
 
 
 def test_free_legs_are_believed_less_or_left_out():

@@ -113,9 +113,10 @@ def regrouped(measurement: Measurement, owners: np.ndarray, config: KalmanOverLe
     sizes = np.bincount(detections, minlength=len(measurement))
     half_step = np.diag([config.legs.people.half_step_std**2] * 2 + [0.0])
     # Legs of a person are a group, and so are those of a detection that are nobody's.
+    owners = _agreed(owners, measurement, config.legs.people.leg_distance)
     person = owners != NOBODY
-    keys = np.column_stack([person, np.where(person, owners, detections)])
-    _, firsts, groups = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    keys = np.where(person, owners, -1 - detections)  # identities are positive
+    _, firsts, groups = np.unique(keys, return_index=True, return_inverse=True)
     rows, positions, covariances, shares = [], [], [], []
     for first in np.sort(firsts).tolist():  # in the scan's order: names are given in the order of arrival
         legs = np.flatnonzero(groups == groups[first])
@@ -137,3 +138,19 @@ def regrouped(measurement: Measurement, owners: np.ndarray, config: KalmanOverLe
         confidences=np.array(shares) * found.confidences,
     )
     return found if config.free_confidence else found.select(np.array(shares) > 0.0)
+
+
+def _agreed(owners: np.ndarray, measurement: Measurement, leg_distance: float) -> np.ndarray:
+    """Owners (L,) in which two legs too far apart are nobody's, as it is not known which one is not the person's, and
+    a leg that is nobody's belongs to whom the cue paired it with, if that person shows no other leg."""
+    owners, detections = owners.copy(), measurement.leg_owners
+    for person in np.unique(owners[owners != NOBODY]).tolist():
+        legs = np.flatnonzero(owners == person)
+        if np.hypot(*np.ptp(measurement.legs[legs], axis=0)) > leg_distance:
+            owners[legs] = NOBODY
+    found = owners.copy()
+    for leg in np.flatnonzero(owners == NOBODY).tolist():
+        mates = owners[(detections == detections[leg]) & (owners != NOBODY)]
+        if len(mates) and np.count_nonzero(owners == mates[0]) == 1:
+            found[leg] = mates[0]
+    return found
