@@ -1,5 +1,7 @@
 """People from legs, and the tracker that both make."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -241,3 +243,17 @@ def test_a_person_out_of_sight_is_remembered_and_not_told_of():
     for step in range(80, 80 + 70):
         each.process(measurement(step, []))
     assert len(each.tracks()) == 0 and len(each.leg_tracks.ids) == 0
+
+
+def test_who_sees_no_legs_does_not_say_that_there_are_none(detect):
+    """A camera beside the laser: the legs are as they were, and nobody is unseen."""
+    each = TRACKERS.build(parse(TRACKERS.config_of("leg_mht", "tracker"), {}))
+    for step in range(40):
+        each.process(detect(0.1 * step, (0.1 * step, 1.0), sequence=step))
+    before = each.tracks()
+    for step in range(20):
+        head = detect(3.95 + 0.1 * step, cue="camera", sequence=step)
+        each.process(dataclasses.replace(head, modality="head"))
+    assert each.stamp_ns == before.stamp_ns
+    np.testing.assert_array_equal(each.tracks().covariances, before.covariances)
+    assert each.tracks().matched.all() and each.owners.tolist() == before.ids.tolist() * 2
