@@ -44,9 +44,7 @@ class PinholeConfig:
     def matrix(self) -> np.ndarray:
         """(3, 3) K."""
         focal = 0.5 * self.width / math.tan(0.5 * self.field)
-        return np.array(
-            [[focal, 0.0, 0.5 * (self.width - 1)], [0.0, focal, 0.5 * (self.height - 1)], [0.0, 0.0, 1.0]]
-        )
+        return np.array([[focal, 0.0, 0.5 * (self.width - 1)], [0.0, focal, 0.5 * (self.height - 1)], [0.0, 0.0, 1.0]])
 
 
 @dataclass(frozen=True)
@@ -220,9 +218,11 @@ class SimulatedCamera:
         for number, look in enumerate(self._cast.looks):
             cut = np.column_stack([legs[number], np.full(2, self._leg_height)])
             solids = stand(heads[number], float(headings[number]), float(gazes[number]), cut, look)
-            head = Pose.from_xy_yaw(*map(float, heads[number, :2]), float(gazes[number]), float(heads[number, 2]))
-            light = float(self._cast.light.at(heads[number, 0], heads[number, 1]))
-            figures.append(Figure(solids, look, head.inverse(), light))
+            x, y, z = map(float, heads[number])
+            head = Pose.from_xy_yaw(x, y, float(gazes[number]), z)
+            body = Pose.from_xy_yaw(x, y, float(headings[number])).rotation
+            light = float(self._cast.light.at(*heads[number, :2]))
+            figures.append(Figure(solids, look, head.inverse(), body, light))
         pixels, shares = self._painter.paint(self._room.paint(pose), figures, camera_from_world)
         return Picture(
             stamp_ns, self.config, self._exposed(pixels), self._truth(figures, gazes, heads, camera_from_world, shares)
@@ -261,7 +261,7 @@ class SimulatedCamera:
         corners = np.full((len(figures), 4), np.nan)
         for number, figure in enumerate(figures):
             solids = figure.solids
-            shapes, centres = solids.shapes[solids.is_head], solids.centres[solids.is_head]
+            shapes, centres = solids.shapes[solids.is_skull], solids.centres[solids.is_skull]
             surface = centres[:, None] + SPHERE @ np.swapaxes(np.linalg.inv(shapes), 1, 2)
             pixels = camera.project(camera_from_world.apply(surface.reshape(-1, 3)))
             if camera.wraps:

@@ -8,14 +8,17 @@ import numpy as np
 
 from people_fusion.core.cameras import Camera
 from people_fusion.core.poses import Pose
-from people_fusion.simulation.rendering_people import EAR, HAIR, SHIRT, SKIN, Look, Solids, face_factors, hairy
+from people_fusion.simulation.rendering_people import HAIR, SHIRT, Look, Solids, face_factors, hairy
 from people_fusion.simulation.rendering_room import Backdrop
 
-FINE = 2  # rays per pixel, across and down
+FINE = 2  # rays per pixel, across and down ...
+LARGE = 70  # ... of people whose heads have fewer rows
 CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 TO_LAMP = np.array([0.25, 0.35, 0.9]) / np.linalg.norm([0.25, 0.35, 0.9])  # in the world
 AMBIENT, FROM_LAMP, FROM_ABOVE, FROM_CAMERA = 0.52, 0.26, 0.12, 0.26
+TRUNK = np.array([0.15, 0.27, 0.6])  # half axes of what cloth hangs on, metres
 CHUNK = 1 << 16  # pixels whose rays are found at once
+PAIRS = np.triu_indices(3)
 
 
 class Figure(NamedTuple):
@@ -25,12 +28,14 @@ class Figure(NamedTuple):
         solids: in the world.
         look: colours and face.
         head_from_world: of the head.
+        body: (3, 3) rotation of the body in the world.
         light: factor of brightness where the person is.
     """
 
     solids: Solids
     look: Look
     head_from_world: Pose
+    body: np.ndarray
     light: float
 
 
@@ -38,10 +43,11 @@ class Patch(NamedTuple):
     """One person on some pixels.
 
     Attributes:
-        rows, columns: (h,), (w,) of the image; columns go on beyond the seam of a panorama.
+        rows, columns: (h,), (w,) of the image.
         colours: (h, w, 3) float32, times the cover.
         cover: (h, w) share of the pixel, without what walls hide.
         head: (h, w) share of the pixel on which the head would be seen if nothing hid it.
+        free_head: (h, w) share of the pixel on which the head is seen if nobody hides it.
     """
 
     rows: np.ndarray
@@ -49,6 +55,7 @@ class Patch(NamedTuple):
     colours: np.ndarray
     cover: np.ndarray
     head: np.ndarray
+    free_head: np.ndarray
 
 
 class Painter:
@@ -61,15 +68,12 @@ class Painter:
 
     def __init__(self, camera: Camera, level_from_camera: np.ndarray) -> None:
         self._camera = camera
-        rays = _fine_rays(camera)
-        level = rays @ np.float32(level_from_camera.T)
-        self._flat = np.hypot(level[..., 0], level[..., 1])
-        self._rays = rays
+        self._grids = {fine: _Grid(camera, level_from_camera, fine) for fine in (1, FINE)}
 
     def paint(
         self, backdrop: Backdrop, figures: Sequence[Figure], camera_from_world: Pose
     ) -> Tuple[np.ndarray, np.ndarray]:
-        """(H, W, 3) float32 picture, and (N,) share of each head in the image that nothing hides.
+        """(H, W, 3) float32 picture, and (N,) share of that part of each head that is in the image that nothing hides.
 
         Args:
             backdrop: the room.
@@ -77,8 +81,7 @@ class Painter:
             camera_from_world: where the camera is.
         """
         picture = backdrop.colours.copy()
-        # What is left of each pixel by all who are nearer than those painted so far.
-        free = np.ones(picture.shape[:2], dtype=np.float32)
+        free = np.ones(picture.shape[:2], dtype=np.float32)  # of each pixel, of all who are nearer
         shares = np.zeros(len(figures))
         distances = [np.linalg.norm(camera_from_world.apply(each.solids.centres[0])) for each in figures]
         patches: List[Patch] = []
@@ -86,167 +89,183 @@ class Painter:
             patch = self._patch(figures[number], camera_from_world, backdrop)
             if patch is None:
                 continue
-            place = np.ix_(patch.rows, patch.columns % self._camera.width)
-            seen = patch.head * free[place]
-            # A pixel's head and its hiding wall are told apart by the patch's own cover.
-            shares[number] = (seen * (patch.cover > 0.5)).sum() / max(float(patch.head.sum()), 1e-6)
+            place = np.ix_(patch.rows, patch.columns)
+            shares[number] = (patch.free_head * free[place]).sum() / max(float(patch.head.sum()), 1e-6)
             free[place] *= 1.0 - patch.cover
             patches.append(patch)
         for patch in reversed(patches):
-            place = np.ix_(patch.rows, patch.columns % self._camera.width)
+            place = np.ix_(patch.rows, patch.columns)
             picture[place] = picture[place] * (1.0 - patch.cover[..., None]) + patch.colours
         return picture, shares
 
     def _patch(self, figure: Figure, camera_from_world: Pose, backdrop: Backdrop) -> Optional[Patch]:
         """One person, or None where the camera sees nothing of it."""
-        solids, turn = figure.solids, camera_from_world.rotation
-        centres = camera_from_world.apply(solids.centres)
-        shapes = solids.shapes @ turn.T
+        turn = camera_from_world.rotation
+        centres, shapes = camera_from_world.apply(figure.solids.centres), figure.solids.shapes @ turn.T
         bounds, is_seen = self._bounds(centres, shapes)
         if not is_seen.any():
             return None
         top, left = bounds[is_seen, :2].min(axis=0)
         bottom, right = bounds[is_seen, 2:].max(axis=0)
-        shape = (FINE * (bottom - top), FINE * (right - left))
-        depth, owner = np.full(shape, np.inf, dtype=np.float32), np.full(shape, -1, dtype=np.int8)
+        fine = FINE if bounds[0, 2] - bounds[0, 0] < LARGE else 1
+        grid = self._grids[fine]
+        columns = np.arange(left, right) % self._camera.width
+        rays, flat, products = grid.piece(slice(top, bottom), left, right)
+        depth, owner = np.full(flat.shape, np.inf, dtype=np.float32), np.full(flat.shape, -1, dtype=np.int8)
         for number in np.flatnonzero(is_seen):
-            t, l, b, r = bounds[number]
-            rows, columns = slice(FINE * (t - top), FINE * (b - top)), slice(FINE * (l - left), FINE * (r - left))
-            looks = self._looks(t, l, b, r)
-            self._cast(figure, number, centres[number], shapes[number], turn, looks, depth[rows, columns],
-                       owner[rows, columns])
+            low, high = fine * (bounds[number, :2] - [top, left]), fine * (bounds[number, 2:] - [top, left])
+            part = (slice(low[0], high[0]), slice(low[1], high[1]))
+            _cast(
+                number,
+                centres[number],
+                shapes[number],
+                rays[part],
+                products[part],
+                depth[part],
+                owner[part],
+                figure,
+                turn,
+            )
         hit = owner >= 0
         if not hit.any():
             return None
-        looks = self._looks(top, left, bottom, right)
-        colours = np.zeros((*shape, 3), dtype=np.float32)
-        points = looks[hit] * depth[hit][:, None]
-        colours[hit] = _shaded(figure, owner[hit], points, centres, shapes, turn, camera_from_world)
-        head = solids.is_head[owner] | np.isin(solids.materials[owner], [EAR])
-        head |= (solids.materials[owner] == HAIR) & (owner < 7)
-        head &= hit
-        flat = self._flat[FINE * top : FINE * bottom][:, self._fine_columns(left, right)]
-        walls = backdrop.distances[top:bottom][:, np.arange(left, right) % self._camera.width]
-        covers = hit & (np.where(hit, depth, 0.0) * flat < np.repeat(np.repeat(walls, FINE, 0), FINE, 1))
+        owners = owner[hit]
+        colours = np.zeros((*hit.shape, 3), dtype=np.float32)
+        colours[hit] = _shaded(figure, owners, rays[hit] * depth[hit][:, None], centres, shapes, turn)
+        head = np.zeros(hit.shape, dtype=bool)
+        head[hit] = figure.solids.on_head[owners]
+        walls = backdrop.distances[top:bottom][:, columns].repeat(fine, axis=0).repeat(fine, axis=1)
+        covers = hit & (np.where(hit, depth, np.float32(0.0)) * flat < walls)
         colours[~covers] = 0.0
-        return Patch(
-            np.arange(top, bottom), np.arange(left, right), _binned(colours), _binned(covers), _binned(head)
-        )
-
-    def _cast(
-        self,
-        figure: Figure,
-        number: int,
-        centre: np.ndarray,
-        shape: np.ndarray,
-        turn: np.ndarray,
-        looks: np.ndarray,
-        depth: np.ndarray,
-        owner: np.ndarray,
-    ) -> None:
-        """Let one ellipsoid cover what is farther away."""
-        along = looks @ np.float32(shape.T)
-        start = np.float32(-shape @ centre)
-        a, b = np.einsum("ijk,ijk->ij", along, along), along @ start
-        inside = b * b - a * np.float32(start @ start - 1.0)
-        found = np.flatnonzero((inside > 0.0) & (b < 0.0))
-        if not len(found):
-            return
-        distances = (-b.ravel()[found] - np.sqrt(inside.ravel()[found])) / a.ravel()[found]
-        if figure.solids.materials[number] == HAIR:
-            world = looks.reshape(-1, 3)[found] * distances[:, None]
-            keep = hairy(_in_head(world, figure, turn, centre, number))
-            found, distances = found[keep], distances[keep]
-        nearer = distances < depth.ravel()[found]
-        rows, columns = np.unravel_index(found[nearer], depth.shape)
-        depth[rows, columns], owner[rows, columns] = distances[nearer], number
+        binned = [_binned(each, fine) for each in (colours, covers, head, head & covers)]
+        return Patch(np.arange(top, bottom), columns, *binned)
 
     def _bounds(self, centres: np.ndarray, shapes: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-        """(K, 4) top, left, bottom, right in pixels that hold each ellipsoid, (K,) whether any is in the image."""
+        """(K, 4) top, left, bottom, right in pixels that hold each ellipsoid, (K,) whether any of it is in the image;
+        left and right go on beyond the seam of a panorama."""
         camera = self._camera
         corners = centres[:, None] + CORNERS @ np.swapaxes(np.linalg.inv(shapes), 1, 2)
         pixels = camera.project(corners.reshape(-1, 3)).reshape(len(centres), len(CORNERS), 2)
-        middles = camera.project(centres)
+        is_behind = ~np.isfinite(camera.project(centres)).all(axis=1)
+        unknown = ~np.isfinite(pixels).all(axis=(1, 2))
         if camera.wraps:
-            base = middles[0, 0]
-            pixels[..., 0] -= np.round((pixels[..., 0] - base) / camera.width) * camera.width
-        unknown = ~np.isfinite(pixels).all(axis=2).all(axis=1)
+            pixels[..., 0] -= np.round((pixels[..., 0] - pixels[0, 0, 0]) / camera.width) * camera.width
         low, high = np.floor(pixels.min(axis=1)), np.ceil(pixels.max(axis=1)) + 1.0
         low[unknown], high[unknown] = 0.0, [camera.width, camera.height]
-        limits = (-camera.width // 2, camera.width + camera.width // 2) if camera.wraps else (0, camera.width)
-        left, right = np.clip(low[:, 0], *limits), np.clip(high[:, 0], *limits)
-        top, bottom = np.clip(low[:, 1], 0, camera.height), np.clip(high[:, 1], 0, camera.height)
-        bounds = np.column_stack([top, left, bottom, right]).astype(int)
-        behind = unknown & ~np.isfinite(middles).all(axis=1)
-        return bounds, (bounds[:, 2] > bounds[:, 0]) & (bounds[:, 3] > bounds[:, 1]) & ~behind
-
-    def _looks(self, top: int, left: int, bottom: int, right: int) -> np.ndarray:
-        return np.asarray(self._rays[FINE * top : FINE * bottom][:, self._fine_columns(left, right)])
-
-    def _fine_columns(self, left: int, right: int) -> np.ndarray:
-        return np.arange(FINE * left, FINE * right) % (FINE * self._camera.width)
+        turns = camera.width // 2 if camera.wraps else 0
+        low, high = (np.clip(ends, [-turns, 0], [camera.width + turns, camera.height]) for ends in (low, high))
+        bounds = np.column_stack([low[:, ::-1], high[:, ::-1]]).astype(int)
+        return bounds, (high > low).all(axis=1) & ~(unknown & is_behind)
 
 
-def _in_head(
-    points: np.ndarray, figure: Figure, turn: np.ndarray, centre: np.ndarray, number: int
-) -> np.ndarray:
-    """Points of the camera's frame in the head's; an ellipsoid's centre is known in both."""
-    world = (points - np.float32(centre)) @ np.float32(turn)
-    return np.asarray(
-        world @ np.float32(figure.head_from_world.rotation.T)
-        + np.float32(figure.head_from_world.apply(figure.solids.centres[number]))
-    )
+class _Grid:
+    """Rays of a camera, so many a pixel across and down.
+
+    Attributes:
+        rays: (H, W, 3) unit vectors, zero where the camera sees nothing.
+        flat: (H, W) their length along the floor.
+        products: (H, W, 6) of their components, of each with itself and with those after it.
+    """
+
+    def __init__(self, camera: Camera, level_from_camera: np.ndarray, fine: int) -> None:
+        self._fine = fine
+        rows, columns = (np.arange(fine * size) / fine + 0.5 / fine - 0.5 for size in (camera.height, camera.width))
+        rays = np.empty((len(rows) * len(columns), 3), dtype=np.float32)
+        for first in range(0, len(rays), CHUNK):
+            numbers = np.arange(first, min(first + CHUNK, len(rays)))
+            pixels = np.column_stack([columns[numbers % len(columns)], rows[numbers // len(columns)]])
+            rays[numbers] = np.nan_to_num(camera.rays(pixels))
+        self.rays = rays.reshape(len(rows), len(columns), 3)
+        level = self.rays @ _single(level_from_camera.T)
+        self.flat = np.hypot(level[..., 0], level[..., 1])
+        self.products = self.rays[..., PAIRS[0]] * self.rays[..., PAIRS[1]]
+
+    def piece(self, rows: slice, left: int, right: int) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rays, flat and products of some of the image's rows and columns, also beyond the seam."""
+        fine, width = self._fine, self.flat.shape[1]
+        tall = slice(fine * rows.start, fine * rows.stop)
+        if left >= 0 and fine * right <= width:
+            wide = slice(fine * left, fine * right)
+            return self.rays[tall, wide], self.flat[tall, wide], self.products[tall, wide]
+        columns = np.arange(fine * left, fine * right) % width
+        return self.rays[tall][:, columns], self.flat[tall][:, columns], self.products[tall][:, columns]
+
+
+def _cast(
+    number: int,
+    centre: np.ndarray,
+    shape: np.ndarray,
+    rays: np.ndarray,
+    products: np.ndarray,
+    depth: np.ndarray,
+    owner: np.ndarray,
+    figure: Figure,
+    turn: np.ndarray,
+) -> None:
+    """Let one ellipsoid cover what is farther away: |A (t r - c)| = 1 is a t^2 - 2 b t + e = 0."""
+    square = shape.T @ shape
+    across = square @ centre
+    rest = centre @ across - 1.0
+    form = np.outer(across, across) - rest * square  # r form r = b^2 - a e
+    inside = products @ _single(form[PAIRS] * np.where(PAIRS[0] == PAIRS[1], 1.0, 2.0))
+    found = np.nonzero(inside > 0.0)
+    hits = rays[found]
+    b = hits @ _single(across)
+    a = ((hits @ _single(shape.T)) ** 2).sum(axis=1)
+    distances = (b - np.sqrt(inside[found])) / a
+    nearer = (b > 0.0) & (distances < depth[found])
+    if figure.solids.materials[number] == HAIR:
+        points = _in_head(hits * distances[:, None], figure, turn, centre, number)
+        nearer &= hairy(points / _single(figure.look.scale))
+    rows, columns = found[0][nearer], found[1][nearer]
+    depth[rows, columns], owner[rows, columns] = distances[nearer], number
+
+
+def _in_head(points: np.ndarray, figure: Figure, turn: np.ndarray, centre: np.ndarray, number: int) -> np.ndarray:
+    """Points of the camera's frame in the head's; `centre` is that of solid `number` in the camera's."""
+    middle = figure.head_from_world.apply(figure.solids.centres[number])
+    return np.asarray((points - _single(centre)) @ _single(turn @ figure.head_from_world.rotation.T) + _single(middle))
 
 
 def _shaded(
-    figure: Figure,
-    owner: np.ndarray,
-    points: np.ndarray,
-    centres: np.ndarray,
-    shapes: np.ndarray,
-    turn: np.ndarray,
-    camera_from_world: Pose,
+    figure: Figure, owner: np.ndarray, points: np.ndarray, centres: np.ndarray, shapes: np.ndarray, turn: np.ndarray
 ) -> np.ndarray:
     """(P, 3) colours of points (P, 3) of the camera's frame on the solids `owner` (P,)."""
     solids, look = figure.solids, figure.look
-    squares = np.float32(np.swapaxes(shapes, 1, 2) @ shapes)
-    normals = np.einsum("pij,pj->pi", squares[owner], points - np.float32(centres)[owner])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    lamp = np.float32(turn @ TO_LAMP)
-    up = np.float32(turn[:, 2])
-    to_camera = -np.einsum("pi,pi->p", normals, points) / np.linalg.norm(points, axis=1)
-    light = AMBIENT + FROM_LAMP * np.maximum(normals @ lamp, 0.0) + FROM_ABOVE * (normals @ up)
-    light += FROM_CAMERA * np.maximum(to_camera, 0.0)
     materials = solids.materials[owner]
-    colours = np.float32(look.colours)[materials]
-    skin = (materials == SKIN) & (owner < 3)
-    if skin.any():
-        colours[skin] *= face_factors(_in_head(points[skin], figure, turn, centres[0], 0), look)
+    squares = _single(np.swapaxes(shapes, 1, 2) @ shapes)[owner]
+    normals = _unit((squares @ (points - _single(centres)[owner])[:, :, None])[:, :, 0])
+    shirt = materials == SHIRT
+    # Cloth is smooth over what is below it.
+    body = turn @ figure.body
+    trunk = _single(body / TRUNK**2 @ body.T)
+    around = _unit((points[shirt] - _single(centres[0] - 0.45 * turn[:, 2])) @ trunk)
+    normals[shirt] = _unit(0.4 * normals[shirt] + 0.6 * around)
+    light = AMBIENT + FROM_LAMP * np.maximum(normals @ _single(turn @ TO_LAMP), 0.0)
+    light += FROM_ABOVE * (normals @ _single(turn[:, 2]))
+    light += FROM_CAMERA * np.maximum(-(normals * _unit(points)).sum(axis=1), 0.0)
+    colours = _single(look.colours)[materials]
+    face = solids.is_face[owner]
+    colours[face] *= face_factors(_in_head(points[face], figure, turn, centres[0], 0), look)
     if look.stripes:
-        shirt = materials == SHIRT
-        heights = (points[shirt] - np.float32(centres[0])) @ up
+        heights = (points[shirt] - _single(centres[0])) @ _single(turn[:, 2])
         colours[shirt] *= (1.0 + look.stripes * np.sign(np.sin(110.0 * heights)))[:, None]
     return np.asarray(colours * (light * np.float32(figure.light))[:, None])
 
 
-def _fine_rays(camera: Camera) -> np.ndarray:
-    """(FINE * H, FINE * W, 3) float32; zero where the camera sees nothing."""
-    offset = 0.5 / FINE - 0.5
-    rows = np.arange(FINE * camera.height) / FINE + offset
-    columns = np.arange(FINE * camera.width) / FINE + offset
-    rays = np.empty((len(rows) * len(columns), 3), dtype=np.float32)
-    for first in range(0, len(rays), CHUNK):
-        numbers = np.arange(first, min(first + CHUNK, len(rays)))
-        pixels = np.column_stack([columns[numbers % len(columns)], rows[numbers // len(columns)]])
-        rays[numbers] = np.nan_to_num(camera.rays(pixels))
-    return rays.reshape(len(rows), len(columns), 3)
+def _single(values: np.ndarray) -> np.ndarray:
+    return np.asarray(values, dtype=np.float32)
 
 
-def _binned(values: np.ndarray) -> np.ndarray:
-    """Means of FINE x FINE."""
-    total = values[0::FINE, 0::FINE].astype(np.float32)
-    for row in range(FINE):
-        for column in range(FINE):
-            if row or column:
-                total += values[row::FINE, column::FINE]
-    return total / np.float32(FINE * FINE)
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    """(N, 3) of length 1."""
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-12)[:, None])
+
+
+def _binned(values: np.ndarray, fine: int) -> np.ndarray:
+    """Means of fine x fine, float32."""
+    total = np.zeros((values.shape[0] // fine, values.shape[1] // fine, *values.shape[2:]), dtype=np.float32)
+    for row in range(fine):
+        for column in range(fine):
+            total += values[row::fine, column::fine]
+    return total / np.float32(fine * fine)

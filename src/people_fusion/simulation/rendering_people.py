@@ -13,6 +13,18 @@ SHORT, LONG, BALD = 0, 1, 2
 SKIN, HAIR, SHIRT, TROUSERS, NECK, EAR = range(6)
 FACE_HALF_ANGLE, FACE_HALF_HEIGHT = np.radians(110.0), 0.14  # covered by the face's texture
 FACE_SHAPE = (224, 256)  # rows, columns
+LONGEST = 16384  # column of points that OpenCV maps at once
+# Skull, jaw, nose, ears, short hair and what hangs behind where it is long: middles and half axes, metres.
+HEAD = [
+    (np.array([-0.012, 0.0, 0.025]), np.array([0.1, 0.078, 0.097]), SKIN),
+    (np.array([0.014, 0.0, -0.036]), np.array([0.078, 0.062, 0.084]), SKIN),
+    (np.array([0.09, 0.0, -0.03]), np.array([0.022, 0.014, 0.024]), SKIN),
+    (np.array([-0.008, 0.078, -0.004]), np.array([0.02, 0.011, 0.031]), EAR),
+    (np.array([-0.008, -0.078, -0.004]), np.array([0.02, 0.011, 0.031]), EAR),
+    (np.array([-0.02, 0.0, 0.032]), np.array([0.104, 0.086, 0.1]), HAIR),
+    (np.array([-0.045, 0.0, -0.06]), np.array([0.075, 0.095, 0.17]), HAIR),
+]
+SKULL, FACE = 2, 3  # so many of them
 KNEE_M = 0.48
 SITS_M = (0.18, 0.28)  # feet that far before the head are those of one who stands, of one who sits
 
@@ -23,7 +35,7 @@ class Look:
 
     Attributes:
         colours: (6, 3) blue, green, red by material, 0 to 255.
-        face: (R, C, 3) factors of the skin's colour over azimuth, from the right ear to the left, and height, downwards.
+        face: (R, C, 3) factors of the skin's colour over azimuth, from right to left, and height, from above.
         style: of the hair.
         scale: (3,) of the head, ahead, aside and up.
         shoulders: half their width, metres.
@@ -45,13 +57,17 @@ class Solids(NamedTuple):
         centres: (K, 3) metres.
         shapes: (K, 3, 3) the matrices A.
         materials: (K,).
-        is_head: (K,) whether they are skull or jaw, which head boxes enclose.
+        is_skull: (K,) whether they are skull or jaw, which head boxes enclose.
+        is_face: (K,) whether the face is painted on them: skull, jaw and nose.
+        on_head: (K,) whether they turn with the head.
     """
 
     centres: np.ndarray
     shapes: np.ndarray
     materials: np.ndarray
-    is_head: np.ndarray
+    is_skull: np.ndarray
+    is_face: np.ndarray
+    on_head: np.ndarray
 
 
 def draw_looks(count: int, rng: np.random.Generator) -> List[Look]:
@@ -81,34 +97,26 @@ def stand(head: np.ndarray, heading: float, gaze: float, legs: np.ndarray, look:
         look: of the person.
     """
     solids = _Collector()
-    turn = _about_z(gaze)
-    up, aside = look.scale[2], look.scale[1]
-    solids.add(head, turn, np.array([-0.012, 0.0, 0.025]) * look.scale, look.scale * [0.1, 0.078, 0.097], SKIN, True)
-    solids.add(head, turn, np.array([0.014, 0.0, -0.036]) * look.scale, look.scale * [0.078, 0.062, 0.084], SKIN, True)
-    solids.add(head, turn, np.array([0.09, 0.0, -0.03]) * look.scale, np.array([0.022, 0.014, 0.024]), SKIN)
-    for side in (1.0, -1.0):
-        solids.add(head, turn, np.array([-0.008, side * 0.078 * aside, -0.004]), np.array([0.02, 0.011, 0.031]), EAR)
-    if look.style != BALD:
-        solids.add(
-            head, turn, np.array([-0.02, 0.0, 0.032]) * look.scale, look.scale * [0.104, 0.086, 0.1], HAIR
-        )
-    if look.style == LONG:
-        solids.add(head, turn, np.array([-0.045, 0.0, -0.06]), np.array([0.075, 0.095, 0.17]), HAIR)
-
+    turn, scale = _about_z(gaze), look.scale
+    for offset, axes, material in HEAD[: len(HEAD) - (look.style != LONG) - (look.style == BALD)]:
+        solids.add(head, turn, offset * scale, axes * scale, material)
+    solids.head_ends()
     body, wide = _about_z(heading), look.shoulders
-    solids.add(head, body, np.array([-0.025, 0.0, -0.13 * up]), np.array([0.052, 0.056, 0.12]), NECK)
-    solids.add(head, body, np.array([-0.035, 0.0, -0.245]), np.array([0.065, 0.8 * wide, 0.062]), SHIRT)
-    solids.add(head, body, np.array([-0.035, 0.0, -0.45]), np.array([0.12, wide + 0.005, 0.24]), SHIRT)
-    solids.add(head, body, np.array([-0.03, 0.0, -0.63]), np.array([0.11, 0.165, 0.2]), SHIRT)
-    hips = head + body @ np.array([-0.03, 0.0, -0.74])
+    solids.add(head, body, np.array([-0.025, 0.0, -0.12]), np.array([0.054, 0.059, 0.11]), NECK)
+    solids.add(head, body, np.array([-0.035, 0.0, -0.215]), np.array([0.062, 0.105, 0.055]), SHIRT)
+    solids.add(head, body, np.array([-0.035, 0.0, -0.41]), np.array([0.12, wide, 0.22]), SHIRT)
+    solids.add(head, body, np.array([-0.03, 0.0, -0.6]), np.array([0.11, 0.165, 0.22]), SHIRT)
+    hips = head + body @ np.array([-0.03, 0.0, -0.72])
     solids.add(hips, body, np.zeros(3), np.array([0.11, 0.165, 0.12]), TROUSERS)
     ahead = (legs[:, :2].mean(axis=0) - head[:2]) @ body[:2, 0]
     sitting = float(np.clip((ahead - SITS_M[0]) / (SITS_M[1] - SITS_M[0]), 0.0, 1.0))
     for side, leg in zip((1.0, -1.0), legs):
-        shoulder = head + body @ np.array([-0.035, side * (wide - 0.005), -0.275])
-        elbow = head + body @ np.array([-0.06 + 0.05 * sitting, side * (wide + 0.055), -0.55])
-        hand = head + body @ np.array([0.04 + 0.2 * sitting, side * (wide + 0.04), -0.78 + 0.14 * sitting])
-        solids.add(shoulder, body, np.zeros(3), np.array([0.062, 0.06, 0.066]), SHIRT)
+        shoulder = head + body @ np.array([-0.035, side * (wide - 0.005), -0.255])
+        neck = head + body @ np.array([-0.035, side * 0.045, -0.19])
+        elbow = head + body @ np.array([-0.06 + 0.05 * sitting, side * (wide + 0.05), -0.53])
+        hand = head + body @ np.array([0.04 + 0.2 * sitting, side * (wide + 0.04), -0.76 + 0.14 * sitting])
+        solids.limb(neck, shoulder, 0.05, SHIRT)
+        solids.add(shoulder, body, np.zeros(3), np.array([0.058, 0.052, 0.056]), SHIRT)
         solids.limb(shoulder, elbow, 0.05, SHIRT)
         solids.limb(elbow, hand, 0.04, SHIRT)
         solids.add(hand, body, np.zeros(3), np.array([0.045, 0.03, 0.055]), SKIN)
@@ -137,24 +145,26 @@ def face_factors(points: np.ndarray, look: Look) -> np.ndarray:
     azimuths = np.arctan2(points[:, 1], points[:, 0])
     x = (azimuths / FACE_HALF_ANGLE + 1.0) * (0.5 * (columns - 1))
     y = (1.0 - points[:, 2] / look.scale[2] / FACE_HALF_HEIGHT) * (0.5 * (rows - 1))
-    maps = (np.float32(x)[:, None], np.float32(y)[:, None])
-    width = 8192  # remap takes no longer ones
-    parts = [
-        cv2.remap(look.face, maps[0][at : at + width], maps[1][at : at + width], cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE)
-        for at in range(0, len(points), width)
-    ]
-    return np.concatenate(parts)[:, 0] if parts else np.ones((0, 3), np.float32)
+    found = np.ones((len(points), 3), dtype=np.float32)
+    for first in range(0, len(points), LONGEST):
+        part = slice(first, first + LONGEST)
+        across, down = (column[part, None].astype(np.float32) for column in (x, y))
+        found[part] = cv2.remap(look.face, across, down, cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE)[:, 0]
+    return found
 
 
 class _Collector:
     def __init__(self) -> None:
-        self._rows: List[Tuple[np.ndarray, np.ndarray, int, bool]] = []
+        self._rows: List[Tuple[np.ndarray, np.ndarray, int]] = []
+        self._on_head = 0
 
-    def add(
-        self, at: np.ndarray, turn: np.ndarray, offset: np.ndarray, axes: np.ndarray, material: int, head: bool = False
-    ) -> None:
+    def add(self, at: np.ndarray, turn: np.ndarray, offset: np.ndarray, axes: np.ndarray, material: int) -> None:
         """An ellipsoid in axes that are turned."""
-        self._rows.append((at + turn @ offset, turn.T / axes[:, None], material, head))
+        self._rows.append((at + turn @ offset, turn.T / axes[:, None], material))
+
+    def head_ends(self) -> None:
+        """What comes now does not turn with the head."""
+        self._on_head = len(self._rows)
 
     def limb(self, start: np.ndarray, end: np.ndarray, radius: float, material: int) -> None:
         """An ellipsoid from one joint to the next."""
@@ -165,11 +175,13 @@ class _Collector:
         y /= np.linalg.norm(y)
         axes = np.array([0.5 * length + 0.6 * radius, radius, radius])
         turn = np.column_stack([x, y, np.cross(x, y)])
-        self._rows.append((0.5 * (start + end), turn.T / axes[:, None], material, False))
+        self._rows.append((0.5 * (start + end), turn.T / axes[:, None], material))
 
     def solids(self) -> Solids:
-        centres, shapes, materials, heads = zip(*self._rows)
-        return Solids(np.array(centres), np.array(shapes), np.array(materials), np.array(heads))
+        centres, shapes, materials = zip(*self._rows)
+        numbers = np.arange(len(centres))
+        flags = (numbers < SKULL, numbers < FACE, numbers < self._on_head)
+        return Solids(np.array(centres), np.array(shapes), np.array(materials), *flags)
 
 
 def _face(hair: np.ndarray, rng: np.random.Generator, beard: bool, glasses: bool) -> np.ndarray:
@@ -216,7 +228,7 @@ def _face(hair: np.ndarray, rng: np.random.Generator, beard: bool, glasses: bool
             ring = np.hypot((azimuth - side * eye) / 13.0, (z + 0.001) / 0.017)
             shade(0.7, np.exp(-0.5 * ((ring - 1.0) / 0.08) ** 2))
         shade(0.6, spot(0.0, 0.004, 6.0, 0.002, 4.0))
-    return np.float32(face)
+    return face.astype(np.float32)
 
 
 def _about_z(angle: float) -> np.ndarray:

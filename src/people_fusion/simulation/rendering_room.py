@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -34,7 +34,7 @@ class Light:
     """Brightness over the floor: one side is nearer to the windows."""
 
     def __init__(self, strength: float, rng: np.random.Generator) -> None:
-        self._gradient = strength * planar.direction(rng.uniform(-np.pi, np.pi))
+        self._gradient = strength * planar.direction(np.array(rng.uniform(-np.pi, np.pi)))
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Factor of brightness at places."""
@@ -68,22 +68,23 @@ class RoomPainter:
         looks = np.where(np.isfinite(looks), looks, 0.0)
         flat = np.maximum(np.hypot(looks[:, 0], looks[:, 1]), 1e-6)
         shape = (camera.height, camera.width)
-        self._slopes = np.float32(looks[:, 2] / flat).reshape(shape)
-        self._directions = np.float32(looks[:, :2] / flat[:, None]).reshape(*shape, 2)
+        self._slopes = (looks[:, 2] / flat).astype(np.float32).reshape(shape)
+        self._directions = (looks[:, :2] / flat[:, None]).astype(np.float32).reshape(*shape, 2)
         self._beams = 4 * camera.width  # half a pixel or finer at the usual fields of view
         azimuths = np.arctan2(looks[:, 1], looks[:, 0]).reshape(shape)
         self._beam_of_pixel = np.round((azimuths + np.pi) * (self._beams / (2.0 * np.pi))).astype(int) % self._beams
         self._used = np.unique(self._beam_of_pixel)
         surfaces = len(plan.segments) + len(plan.radii) + 1
-        self._colours = np.float32(rng.uniform(105.0, 225.0, (surfaces, 1)) * rng.uniform(0.85, 1.0, (surfaces, 3)))
+        colours = rng.uniform(105.0, 225.0, (surfaces, 1)) * rng.uniform(0.85, 1.0, (surfaces, 3))
+        self._colours = colours.astype(np.float32)
         self._noise = _noise(rng)
         self._chances = rng.random((CHANCES, 5)).astype(np.float32)
-        self._floor = np.float32(rng.uniform(80.0, 150.0) * rng.uniform(0.8, 1.0, 3))
-        self._last = (np.full(3, np.nan), None)
+        self._floor = (rng.uniform(80.0, 150.0) * rng.uniform(0.8, 1.0, 3)).astype(np.float32)
+        self._last: Optional[Tuple[np.ndarray, Backdrop]] = None
 
     def paint(self, pose: np.ndarray) -> Backdrop:
         """The room seen from the pose (3,) of the camera's level frame in the plane; not to be changed."""
-        if self._last[1] is None or not np.array_equal(self._last[0], pose):
+        if self._last is None or not np.array_equal(self._last[0], pose):
             self._last = (np.array(pose), self._painted(pose))
         return self._last[1]
 
@@ -103,7 +104,7 @@ class RoomPainter:
         colours[walls] = self._walls(surfaces[walls], along[walls], levels[walls])
         colours[on_floor] = self._floors(x[on_floor], y[on_floor])
         colours[on_ceiling] = _ceiling(x[on_ceiling], y[on_ceiling])
-        light = np.float32(self._light.at(x, y) * np.clip(1.1 - 0.03 * reach, 0.6, 1.1))
+        light = np.asarray(self._light.at(x, y) * np.clip(1.1 - 0.03 * reach, 0.6, 1.1), dtype=np.float32)
         return Backdrop(colours * light[..., None], distances)
 
     def _cast(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -128,7 +129,7 @@ class RoomPainter:
         return table[0], table[1].astype(int), table[2]
 
     def _walls(self, surfaces: np.ndarray, along: np.ndarray, levels: np.ndarray) -> np.ndarray:
-        colours = self._colours[surfaces] * (1.0 + 0.25 * self._grain(along, levels))[:, None]
+        colours = self._colours[surfaces] * (1.0 + 0.07 * self._grain(along, levels))[:, None]
         colours *= (0.82 + 0.07 * np.clip(levels, 0.0, CEILING_M))[:, None]
         panels = np.floor(along / PANEL_M).astype(int)
         chance = self._chances[(31 * surfaces + 7 * panels) % CHANCES]
@@ -147,8 +148,8 @@ class RoomPainter:
     def _floors(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         tiles = self._chances[(13 * np.floor(x / TILE_M).astype(int) + 5 * np.floor(y / TILE_M).astype(int)) % CHANCES]
         joint = np.minimum(np.abs(x / TILE_M - np.round(x / TILE_M)), np.abs(y / TILE_M - np.round(y / TILE_M)))
-        shade = (0.93 + 0.14 * tiles[:, 0] + 0.2 * self._grain(x, y)) * np.where(joint < 0.012, 0.75, 1.0)
-        return np.float32(self._floor * shade[:, None])
+        shade = (0.93 + 0.14 * tiles[:, 0] + 0.1 * self._grain(x, y)) * np.where(joint < 0.012, 0.75, 1.0)
+        return np.asarray(self._floor * shade[:, None])
 
     def _grain(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         columns, rows = (100.0 * x).astype(int) % TEXTURE, (100.0 * y).astype(int) % TEXTURE
@@ -159,7 +160,7 @@ def _ceiling(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     off = np.maximum(
         np.abs(x / LAMP_M - np.round(x / LAMP_M)) * LAMP_M, 0.5 * np.abs(y / LAMP_M - np.round(y / LAMP_M)) * LAMP_M
     )
-    return np.where(off < 0.16, 252.0, 205.0)[:, None] * np.ones(3, np.float32)
+    return np.asarray(np.where(off < 0.16, 252.0, 205.0)[:, None])
 
 
 def _noise(rng: np.random.Generator) -> np.ndarray:
