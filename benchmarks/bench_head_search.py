@@ -7,7 +7,7 @@ seen (ground), then where those who stand may (standing), then around the people
 the process on one core, end to end in the cue; ratios are of the same run. A find is right if it is where the
 detector's part of somebody is, in that size.
 
-The stills are those of `rgbd_stills` in the directory of recordings.
+The stills are those of `rgbd_stills`, the networks those of `models` in the directory of recordings.
 """
 
 import os
@@ -41,8 +41,9 @@ TALL, HEAD_BELOW = 1.75, 0.12  # metres; of the middle of the head below the top
 DISTANCES = (1.5, 6.0)
 TRACK_STD = 0.15  # metres
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-DETECTORS_COMPARED = ("haar_face", "haar_upper_body", "hog_body", "fhog_head")
-FINEST = {"panorama": {"hog_body": {"enlarge": 2.0}}}  # of 1406 x 240, where people are small
+DETECTORS_COMPARED = ("haar_face", "haar_profile", "haar_upper_body", "hog_body", "fhog_head", "dnn_face", "dnn_body")
+MODELS = {"dnn_face": "yunet_n_320_320.onnx", "dnn_body": "yolo-fastest-1.1_body.weights"}
+FINEST = {"panorama": {"hog_body": {"enlarge": 2.0}}}  # where people are small
 WAYS = {
     "everywhere": {"by_ground": False},
     "ground": {},
@@ -197,14 +198,14 @@ def run(name, setting, scenes, parameters, seed):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    default = os.environ.get("PEOPLE_FUSION_DATA", Path(__file__).resolve().parents[2] / "shared/data")
+    default = Path(os.environ.get("PEOPLE_FUSION_DATA", Path(__file__).resolve().parents[2] / "shared/data"))
     parser.add_argument("--data", type=Path, default=default, help="directory of the recordings")
     parser.add_argument("--images", type=int, default=40, help="per camera (default: 40)")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE")
     parser.add_argument("--picture", type=Path, metavar="FILE", help="write the first image of each camera")
     arguments = parser.parse_args()
-    folder = Path(arguments.data) / "rgbd_stills"
+    folder = arguments.data / "rgbd_stills"
     if not folder.is_dir():
         parser.error(f"{folder} is not there")
     cv2.setNumThreads(1)
@@ -219,8 +220,11 @@ def main():
         for name in DETECTORS_COMPARED:
             if name not in DETECTORS.names():
                 continue
+            parameters = dict(FINEST.get(camera, {}).get(name, {}))
+            if name in MODELS:
+                parameters["model"] = str(arguments.data / "models" / MODELS[name])
             try:
-                rows = run(name, setting, scenes, FINEST.get(camera, {}).get(name, {}), arguments.seed)
+                rows = run(name, setting, scenes, parameters, arguments.seed)
             except ConfigError as error:
                 print(f"{camera:9s} {name:16s} left out: {error}")
                 continue
