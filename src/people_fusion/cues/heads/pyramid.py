@@ -7,10 +7,12 @@ from typing import List, NamedTuple, Sequence, Tuple
 import numpy as np
 
 from people_fusion.cues.heads.boxes import Boxes, overlaps
-from people_fusion.cues.heads.fhog import fhog
+from people_fusion.cues.heads.detector import Search
 from people_fusion.cues.heads.head_model import HeadModel, HeadWindow
+from people_fusion.cues.heads.native import Scorer, fhog
 
 LAYERS = 5  # an octave
+MARGIN = 2  # cells around a piece, whose gradients or norms its edge alters
 OVERLAP = 0.3  # of two windows of which only the better stays (Poschmann 2018, 4.2)
 
 
@@ -111,9 +113,59 @@ def pyramid(grey: np.ndarray, window: HeadWindow, least: float, largest: float, 
     return found
 
 
+def searched_pyramid(grey: np.ndarray, window: HeadWindow, search: Search, layers: int = LAYERS) -> List[Layer]:
+    """Cells of the pieces of the image in which heads are wanted, at the scales at which they are; each cell once.
+
+    What is scored there is as in the whole image's pyramid, but for windows that are not wanted.
+
+    Args:
+        grey: (H, W) uint8.
+        window: whose cells and size.
+        search: where heads may be, by the middle of their boxes, and how high.
+        layers: scales an octave.
+    """
+    if not len(search.corners):
+        return []
+    scales, found = Scales(grey), []
+    least, largest = search.heights[:, 0].min(), min(search.heights[:, 1].max(), grey.shape[0])
+    nearly = 2.0 ** (0.5 / layers)
+    for number, height in enumerate(head_heights(window, least, largest, layers)):
+        wanted = (search.heights[:, 0] <= height * nearly) & (search.heights[:, 1] >= height / nearly)
+        smaller, scale = scales.at(window.head_height / height)
+        for left, top, right, bottom in _pieces(window, search.corners[wanted] * np.tile(scale, 2), smaller.shape):
+            if bottom - top >= window.rows and right - left >= window.cols:
+                cell = window.features.cell
+                piece = smaller[top * cell : bottom * cell, left * cell : right * cell]
+                found.append(Layer(number, scale, top, left, fhog(piece, window.features)))
+    return found
+
+
+def _pieces(window: HeadWindow, regions: np.ndarray, shape: Tuple[int, ...]) -> List[Tuple[int, int, int, int]]:
+    """Left, top, right, bottom, in whole cells, of pieces that hold all windows whose head's middle is in a region."""
+    middle = 0.5 * (np.array(window.box[:2]) + window.box[2:])
+    low = np.floor(regions[:, :2] / window.features.cell - middle) - MARGIN
+    high = np.ceil(regions[:, 2:] / window.features.cell - middle) + [window.cols + MARGIN, window.rows + MARGIN]
+    limit = np.array([shape[1], shape[0]]) // window.features.cell
+    pieces: List[Tuple[int, int, int, int]] = []
+    for piece in np.hstack([np.clip(low, 0, limit), np.clip(high, 0, limit)]).astype(int).tolist():
+        joined = tuple(piece)
+        for other in list(pieces):
+            both = (*map(min, joined[:2], other[:2]), *map(max, joined[2:], other[2:]))
+            if _area(both) <= _area(joined) + _area(other):  # the windows in two pieces would be looked at twice
+                pieces.remove(other)
+                joined = both
+        pieces.append(joined)
+    return pieces
+
+
+def _area(piece: Tuple[int, ...]) -> int:
+    return (piece[2] - piece[0]) * (piece[3] - piece[1])
+
+
 def score_maps(model: HeadModel, layers: Sequence[Layer]) -> List[np.ndarray]:
     """Of each layer, the model's score of every window (R - rows + 1, C - cols + 1)."""
-    return [model.responses(layer.features) for layer in layers]
+    scorer = Scorer([model])
+    return [scorer.scores(layer.features)[0] for layer in layers]
 
 
 def candidates(window: HeadWindow, layers: Sequence[Layer], scores: Sequence[np.ndarray], threshold: float) -> Windows:
