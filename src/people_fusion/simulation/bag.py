@@ -18,6 +18,7 @@ from people_fusion.core.scans import Scan
 from people_fusion.core.stamps import from_seconds, split
 from people_fusion.replay.track_bag import detection_fields
 from people_fusion.replay.typestore import typestore
+from people_fusion.simulation.camera import Calibration, HeadBoxes, Picture
 from people_fusion.simulation.detector import Told
 from people_fusion.simulation.simulator import (
     FOOTPRINT,
@@ -34,6 +35,7 @@ UNOBSERVED_VARIANCE = 1e6
 TRANSFORMS = "tf2_msgs/msg/TFMessage"  # which rosbags lacks for ROS 1
 TRANSFORMS_DEFINITION = "geometry_msgs/TransformStamped[] transforms\n"
 LATCHED = ("/map", "/tf_static")
+HEAD_CHANNELS = ("id", "left", "top", "right", "bottom", "visibility", "yaw")
 
 
 def write_bag(
@@ -100,6 +102,12 @@ class _Messages:
             return self._detections(item, sequence)
         if isinstance(item, Told):
             return self._announcement(item, sequence)
+        if isinstance(item, Picture):
+            return self._picture(item, sequence)
+        if isinstance(item, Calibration):
+            return self._camera_info(item, sequence)
+        if isinstance(item, HeadBoxes):
+            return self._heads(item, sequence)
         raise TypeError(f"no message for {type(item).__name__}")
 
     def _make(self, kind: str, *fields: Any) -> Any:
@@ -206,6 +214,52 @@ class _Messages:
         told_of = told.announcement
         header = self._header(sequence, told_of.stamp_ns, told.frame_id)
         return kind, self._make(kind, header, told_of.cue, told_of.sequence, told_of.withdrawn)
+
+    def _picture(self, picture: Picture, sequence: int) -> Tuple[str, Any]:
+        config, pixels = picture.config, picture.pixels
+        header = self._header(sequence, picture.stamp_ns, config.frame)
+        if config.encoding == "jpeg":
+            import cv2  # 100 MB: not for those who simulate no images
+
+            data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, config.quality])[1].ravel()
+            kind = "sensor_msgs/msg/CompressedImage"
+            return kind, self._make(kind, header, "bgr8; jpeg compressed bgr8", data)
+        kind = "sensor_msgs/msg/Image"
+        height, width = pixels.shape[:2]
+        step = pixels.nbytes // height
+        return kind, self._make(kind, header, height, width, config.encoding, 0, step, pixels.ravel())
+
+    def _camera_info(self, calibration: Calibration, sequence: int) -> Tuple[str, Any]:
+        kind = "sensor_msgs/msg/CameraInfo"
+        config = calibration.config
+        pinhole = config.pinhole
+        D = np.array(pinhole.distortion if len(pinhole.distortion) else np.zeros(5), dtype=float)
+        P = np.column_stack([pinhole.matrix, np.zeros(3)])
+        return kind, self._make(
+            kind,
+            self._header(sequence, calibration.stamp_ns, config.frame),
+            pinhole.height,
+            pinhole.width,
+            "rational_polynomial" if len(D) > 5 else "plumb_bob",
+            D,
+            pinhole.matrix.ravel(),
+            np.eye(3).ravel(),
+            P.ravel(),
+            0,
+            0,
+            self._make("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False),
+        )
+
+    def _heads(self, heads: HeadBoxes, sequence: int) -> Tuple[str, Any]:
+        """A cloud of the heads' middles, with what else is known of each as its channels."""
+        kind = "sensor_msgs/msg/PointCloud"
+        points = [self._make("geometry_msgs/msg/Point32", *map(float, place)) for place in heads.positions]
+        columns = [heads.ids, *heads.corners.T, heads.visibility, heads.yaws]
+        channels = [
+            self._make("sensor_msgs/msg/ChannelFloat32", name, np.asarray(column, dtype=np.float32))
+            for name, column in zip(HEAD_CHANNELS, columns)
+        ]
+        return kind, self._make(kind, self._header(sequence, heads.stamp_ns, heads.frame_id), points, channels)
 
     def _map(self, grid: OccupancyGrid, sequence: int) -> Tuple[str, Any]:
         kind = "nav_msgs/msg/OccupancyGrid"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import List, NamedTuple, Sequence, Tuple
+from typing import List, Sequence, Tuple
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from people_fusion.core.camera_models import Panorama, PanoramaConfig, Pinhole
 from people_fusion.core.cameras import Camera
 from people_fusion.core.config import parameter, section
 from people_fusion.core.errors import ConfigError, DataError
+from people_fusion.core.image_topics import COMPRESSED
 from people_fusion.core.poses import Pose
 from people_fusion.simulation import planar
 from people_fusion.simulation.plan import Plan
@@ -74,6 +75,16 @@ class CameraConfig:
         self.camera()
 
     @property
+    def image_topic(self) -> str:
+        """Where its images are."""
+        return self.topic + COMPRESSED if self.encoding == "jpeg" else self.topic
+
+    @property
+    def truth_topic(self) -> str:
+        """Where the boxes of heads are."""
+        return f"/ground_truth/heads/{self.frame}"
+
+    @property
     def mount(self) -> np.ndarray:
         """(3,) base_from_camera in the plane."""
         return np.array([self.at[0], self.at[1], self.yaw])
@@ -115,10 +126,12 @@ class LooksConfig:
     light_gradient: float = parameter(0.04, "of brightness over the floor, a metre", low=0.0, high=0.5)
 
 
-class HeadBoxes(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class HeadBoxes:
     """The truth about the heads in one image.
 
     Attributes:
+        stamp_ns, frame_id: of the image.
         ids: (N,) of the people, from 1.
         positions: (N, 3) middles of the heads in the camera's frame, metres.
         corners: (N, 4) left, top, right, bottom, pixels, as a detector's: from the chin to the crown without hair.
@@ -126,6 +139,8 @@ class HeadBoxes(NamedTuple):
         yaws: (N,) how far the face is turned from the camera, radians, to the left of the camera positive.
     """
 
+    stamp_ns: int
+    frame_id: str
     ids: np.ndarray
     positions: np.ndarray
     corners: np.ndarray
@@ -148,6 +163,14 @@ class Picture:
     config: CameraConfig
     pixels: np.ndarray
     heads: HeadBoxes
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What is said of a camera beside each image."""
+
+    stamp_ns: int
+    config: CameraConfig
 
 
 class Cast:
@@ -224,9 +247,8 @@ class SimulatedCamera:
             light = float(self._cast.light.at(*heads[number, :2]))
             figures.append(Figure(solids, look, head.inverse(), body, light))
         pixels, shares = self._painter.paint(self._room.paint(pose), figures, camera_from_world)
-        return Picture(
-            stamp_ns, self.config, self._exposed(pixels), self._truth(figures, gazes, heads, camera_from_world, shares)
-        )
+        truth = self._truth(stamp_ns, figures, gazes, heads, camera_from_world, shares)
+        return Picture(stamp_ns, self.config, self._exposed(pixels), truth)
 
     def _exposed(self, picture: np.ndarray) -> np.ndarray:
         """Lens, stitching and sensor."""
@@ -250,6 +272,7 @@ class SimulatedCamera:
 
     def _truth(
         self,
+        stamp_ns: int,
         figures: List[Figure],
         gazes: np.ndarray,
         heads: np.ndarray,
@@ -279,7 +302,7 @@ class SimulatedCamera:
         yaws = planar.wrap(gazes - np.arctan2(to_camera[:, 1], to_camera[:, 0]))
         visibility = np.nan_to_num(inside * shares)
         columns = (np.arange(1, len(figures) + 1), positions, corners, visibility, yaws)
-        return HeadBoxes(*(column[is_in] for column in columns))
+        return HeadBoxes(stamp_ns, self.config.frame, *(column[is_in] for column in columns))
 
 
 def _glances(steps: int, count: int, config: LooksConfig, rng: np.random.Generator) -> np.ndarray:

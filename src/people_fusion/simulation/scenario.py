@@ -10,6 +10,7 @@ from people_fusion.core.config import load_yaml, merge, parameter, parse, sectio
 from people_fusion.core.errors import ConfigError
 from people_fusion.core.resources import directory
 from people_fusion.core.transforms import DriftConfig
+from people_fusion.simulation.camera import CameraConfig, LooksConfig
 from people_fusion.simulation.detector import DetectorConfig
 from people_fusion.simulation.gait import GaitConfig
 from people_fusion.simulation.localisation import AmclConfig
@@ -54,6 +55,8 @@ class ScenarioConfig:
     robot: RobotConfig = section(RobotConfig, "what the robot does")
     scanners: Tuple[ScannerConfig, ...] = parameter((FRONT, REAR), "the robot's laser scanners")
     detectors: Tuple[DetectorConfig, ...] = parameter((), "emulated camera cues; no images are made")
+    cameras: Tuple[CameraConfig, ...] = parameter((), "simulated cameras, whose images are recorded")
+    looks: LooksConfig = section(LooksConfig, "what these see of the people beyond where they are")
     odometry_rate: float = parameter(25.0, "of odometry and of both dynamic transforms, Hz", low=1.0, high=50.0)
     drift: DriftConfig = section(DriftConfig, "of the odometry")
     amcl: AmclConfig = section(AmclConfig, "the localisation")
@@ -65,6 +68,9 @@ class ScenarioConfig:
         count = sum(person.count for person in self.people)
         if self.robot.do == "follow" and self.robot.person >= count:
             raise ConfigError(f"robot/person: there is no person {self.robot.person}, only {count}")
+        frames = [camera.frame for camera in self.cameras]
+        if len(set(frames)) < len(frames) or set(frames) & {detector.frame for detector in self.detectors}:
+            raise ConfigError(f"cameras: each camera needs a frame of its own, got frames {frames}")
 
 
 def load_scenario(name: str) -> ScenarioConfig:

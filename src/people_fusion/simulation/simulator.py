@@ -8,11 +8,13 @@ from typing import Any, Iterable, Iterator, List, Tuple
 
 import numpy as np
 
+from people_fusion.core.image_topics import camera_info_of
 from people_fusion.core.measurements import Measurement
 from people_fusion.core.poses import Pose, UncertainPose
 from people_fusion.core.stamps import NANOSECONDS, from_seconds
 from people_fusion.replay.track_bag import ANNOUNCEMENTS_TOPIC, DETECTIONS_TOPIC
 from people_fusion.simulation import planar
+from people_fusion.simulation.camera import Calibration, Cast, SimulatedCamera
 from people_fusion.simulation.detector import Detector
 from people_fusion.simulation.localisation import drift, localise
 from people_fusion.simulation.plan import Plan
@@ -77,7 +79,8 @@ class Annotation:
     age_s: float
 
 
-# Topic, arrival, and one of the types above, Scan, OccupancyGrid, a tuple of FrameTransform, Told or Measurement.
+# Topic, arrival, and one of the types above, Scan, OccupancyGrid, a tuple of FrameTransform, Picture, Calibration,
+# HeadBoxes, Told or Measurement.
 Event = Tuple[str, int, Any]
 
 
@@ -85,7 +88,8 @@ def simulate(scenario: ScenarioConfig, seed: int) -> Iterator[Event]:
     """Everything that is recorded, in order of arrival: (topic, arrival in nanoseconds, object).
 
     The objects are Scan, OccupancyGrid (/map), FrameTransform (/tf), a tuple of them (/tf_static), OdometryReading
-    (/odom), LocalisationFix (/amcl_pose), Annotation (/ground_truth), and of emulated camera cues Told and Measurement.
+    (/odom), LocalisationFix (/amcl_pose), Annotation (/ground_truth), of cameras Picture, Calibration and HeadBoxes, of
+    emulated camera cues Told and Measurement.
 
     Raises:
         ConfigError: the room has no place for the robot or for the people.
@@ -118,6 +122,19 @@ class Simulation:
         self.detectors = [
             Detector(config, self.plan, self._generator(f"detector {config.name}")) for config in scenario.detectors
         ]
+        cast = Cast(self.history, scenario.looks, self._generator("looks"))
+        self.cameras = [
+            SimulatedCamera(
+                config,
+                self.plan,
+                cast,
+                BASE_HEIGHT,
+                scenario.gait.laser_height,
+                self._generator("room"),
+                self._generator(f"camera {config.topic}"),
+            )
+            for config in scenario.cameras
+        ]
 
     def events(self) -> Iterator[Event]:
         """See `simulate`. May be called once."""
@@ -125,6 +142,7 @@ class Simulation:
         streams += self._poses()
         streams += [self._arrive(s.config.topic, self._scans(s), s.config.sweep_s) for s in self.scanners]
         streams.append(self._arrive("/ground_truth", self._annotations()))
+        streams += [self._pictures(camera) for camera in self.cameras]
         streams += [self._detections(detector) for detector in self.detectors]
         return heapq.merge(*streams, key=lambda event: event[1])
 
@@ -153,6 +171,8 @@ class Simulation:
         cameras = {detector.config.frame: detector for detector in self.detectors}
         for frame, detector in cameras.items():
             links.append(FrameTransform(START_NS, BASE, frame, _pose(detector.mount, detector.config.at[2])))
+        for camera in self.cameras:
+            links.append(FrameTransform(START_NS, BASE, camera.config.frame, camera.config.base_from_camera))
         yield "/tf_static", START_NS, tuple(links)
         yield "/map", START_NS, self.plan.grid(self.history.robot[0, :2])
 
@@ -187,6 +207,17 @@ class Simulation:
     def _scans(self, scanner: Scanner) -> Iterator[Any]:
         for time in self._times(scanner.config.rate, scanner.config.offset_s):
             yield scanner.scan(self.history, float(time), _stamp(time))
+
+    def _pictures(self, camera: SimulatedCamera) -> Iterator[Event]:
+        """Images, what is said of their camera and the truth about them."""
+        config = camera.config
+        times = self._times(config.rate, config.offset_s)
+        pictures = (camera.picture(self.history, float(time), _stamp(time)) for time in times)
+        for topic, arrival_ns, picture in self._arrive(config.image_topic, pictures):
+            if config.model == "pinhole":
+                yield camera_info_of(topic), arrival_ns, Calibration(picture.stamp_ns, config)
+            yield topic, arrival_ns, picture
+            yield config.truth_topic, arrival_ns, picture.heads
 
     def _detections(self, detector: Detector) -> Iterator[Event]:
         config = detector.config
