@@ -26,6 +26,7 @@ LAUNCHES: Dict[str, List[str]] = {
     "people_fusion.launch scan_rear:=/scan_rear": ["/leg_cue_front", "/leg_cue_rear", "/people_tracker"],
     "people_fusion.launch scan_front:=none scan_rear:=/r": ["/leg_cue_rear", "/people_tracker"],
     "people_fusion.launch preset:=leg_mht": ["/leg_cue_front", "/people_tracker"],
+    "people_fusion.launch preset:=kalman_over_legs": ["/leg_cue_front", "/people_tracker"],
     "people_fusion.launch composed:=true rviz:=true": ["/people_fusion", "/rviz"],
     "scitos.launch": ["/people_fusion"],
     "scitos.launch preset:=volkhardt compatible:=strands composed:=false": ["/leg_cue_front", "/people_tracker"],

@@ -31,7 +31,7 @@ OTHERS = (
 )
 
 
-@pytest.mark.parametrize("preset", ["default", "leg_mht"])
+@pytest.mark.parametrize("preset", ["default", "leg_mht", "kalman_over_legs"])
 @pytest.mark.parametrize("name", SMOKE)
 def test_smoke_bags_run(recordings: Path, name: str, preset: str) -> None:
     outcome = replay(recordings / "smoke_bags" / name, load_config(preset), Selection(duration_s=5.0))
@@ -47,7 +47,7 @@ def test_labelled_scans_are_preferred(recordings: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("preset", ["default", "poschmann_t1", "volkhardt", "leg_mht"])
+@pytest.mark.parametrize("preset", ["default", "poschmann_t1", "volkhardt", "leg_mht", "kalman_over_legs"])
 @pytest.mark.parametrize("name", [*(f"smoke_bags/{name}" for name in SMOKE), *OTHERS])
 def test_whole_recordings_run_with_every_preset(recordings: Path, name: str, preset: str) -> None:
     outcome = replay(recordings / name, load_config(preset), Selection())

@@ -12,7 +12,6 @@ from people_fusion.core.stamps import from_seconds
 from people_fusion.core.transforms import FramesConfig, TransformSource
 from people_fusion.cues.cue import CUES
 from people_fusion.tracking.fusion import Fusion, load_config
-from people_fusion.tracking.tracker import TRACKERS
 
 BEAMS = 1500
 RNG = np.random.default_rng(8)
@@ -27,10 +26,7 @@ SCANS = {
     "10,000 beams on a wall": np.full(10_000, 2.0),
     "500 segments": np.where(np.arange(BEAMS) // 3 % 2, 2.0, 4.0),
 }
-CONFIGS = {
-    **{name: {"preset": name} for name in ("default", "poschmann_t1", "volkhardt", "leg_mht")},
-    **{name: {"overrides": {"tracker": {"type": name}}} for name in TRACKERS.names()},
-}
+PRESETS = ("default", "poschmann_t1", "volkhardt", "leg_mht", "kalman_over_legs")
 
 
 class Standing(TransformSource):
@@ -51,9 +47,9 @@ def legs_of_a_walker(time_s):
 
 
 @pytest.mark.parametrize("name", SCANS)
-@pytest.mark.parametrize("config", CONFIGS)
-def test_a_walker_is_found_before_and_after_scans_that_are_hardly_any(config, name):
-    settings = load_config(**CONFIGS[config])
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_walker_is_found_before_and_after_scans_that_are_hardly_any(preset, name):
+    settings = load_config(preset)
     fusion = Fusion(settings, Standing())
     cue = CUES.build(settings.leg_cue, name="scan", frames=FramesConfig())
 

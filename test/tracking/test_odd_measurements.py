@@ -12,14 +12,12 @@ from people_fusion.core.config import parse
 from people_fusion.tracking.fusion import load_config
 from people_fusion.tracking.tracker import TRACKERS
 
-PRESETS = ("default", "poschmann_t1", "volkhardt")
+PRESETS = ("default", "poschmann_t1", "volkhardt", "kalman_over_legs")
 
 
-@pytest.fixture(params=[*PRESETS, "kalman_over_legs"])
+@pytest.fixture(params=PRESETS)
 def tracker(request):
-    if request.param in PRESETS:
-        return TRACKERS.build(load_config(request.param).tracker)
-    return TRACKERS.build(parse(TRACKERS.config_of(request.param, "tracker"), {}))
+    return TRACKERS.build(load_config(request.param).tracker)
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, 1e300])

@@ -20,8 +20,8 @@ TRACKERS_OF = {
     "poschmann_t1": lambda: load_config("poschmann_t1").tracker,
     "volkhardt": lambda: load_config("volkhardt").tracker,
     "consider": lambda: kalman(shared_error="consider", lifecycle=FURNITURE_SOON),
-    "kalman_over_legs": lambda: parse(TRACKERS.config_of("kalman_over_legs", "tracker"), {}),
-    "leg_mht": lambda: parse(TRACKERS.config_of("leg_mht", "tracker"), {}),
+    "kalman_over_legs": lambda: load_config("kalman_over_legs").tracker,
+    "leg_mht": lambda: load_config("leg_mht").tracker,
     "add": lambda: kalman(offset_stds={"legs": 0.1}, gait_s=0.1, merge_distance=0.3, lifecycle=FURNITURE_SOON),
 }
 

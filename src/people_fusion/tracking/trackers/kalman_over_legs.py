@@ -27,7 +27,7 @@ class KalmanOverLegsConfig(KalmanConfig):
 
     legs: LegMhtConfig = section(LegMhtConfig, "which legs are whose")
     free_confidence: float = parameter(
-        1.0, "share of its confidence that a detection keeps if no leg of it is a person's; 0: it is left out", 0.0, 1.0
+        0.8, "share of its confidence that a detection keeps if no leg of it is a person's; 0: it is left out", 0.0, 1.0
     )
 
 
