@@ -211,12 +211,14 @@ FOR("fma") int fhog_scores(const float *cells, int rows, int cols, int dimension
 
   for (int row = 0; row < rows; row++) {
     const float *line = cells + (ptrdiff_t)row * cols * dimensions;
-    int col = 0;
-    for (; col + BLOCK <= across; col += BLOCK)
+    /* The last block overlaps the one before it: fewer windows at once take as long. */
+    for (int col = 0; across >= BLOCK && col < across; col += BLOCK) {
+      const int begin = col + BLOCK <= across ? col : across - BLOCK;
       for (int first = 0; first < columns; first += LANES)
-        multiply(line + (ptrdiff_t)col * dimensions, dimensions, length, weights + first, columns, BLOCK,
-                 products + (ptrdiff_t)col * columns + first);
-    for (; col < across; col++)
+        multiply(line + (ptrdiff_t)begin * dimensions, dimensions, length, weights + first, columns, BLOCK,
+                 products + (ptrdiff_t)begin * columns + first);
+    }
+    for (int col = 0; across < BLOCK && col < across; col++)
       for (int first = 0; first < columns; first += LANES)
         multiply(line + (ptrdiff_t)col * dimensions, dimensions, length, weights + first, columns, 1,
                  products + (ptrdiff_t)col * columns + first);

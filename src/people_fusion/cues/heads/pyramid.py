@@ -20,7 +20,7 @@ class Layer(NamedTuple):
     """Cells of a piece of the image at one scale.
 
     Attributes:
-        number: of the scale, from the finest, 0.
+        number: of the scale; at 0 the image is as it is.
         scale: (2,) the layer's pixels per pixel of the image, across and down.
         row, col: of the piece's first cell, in the layer's cells.
         features: (R, C, D).
@@ -84,15 +84,14 @@ class Scales:
         return smaller, 0.5**octave * np.array([cols / grey.shape[1], rows / grey.shape[0]])
 
 
-def head_heights(window: HeadWindow, least: float, largest: float, layers: int = LAYERS) -> np.ndarray:
-    """(L,) heights in pixels of the heads that fill the window at each scale, `layers` of them an octave.
+def head_numbers(window: HeadWindow, least: float, largest: float, layers: int = LAYERS) -> np.ndarray:
+    """(L,) numbers of the scales at which heads from `least` to `largest` pixels are found, `layers` of them an octave.
 
-    The image is never enlarged: heads are at least as high as the window's.
+    At scale 0 the image is as it is, and heads that fill the window are found; it is never enlarged. Which scales there
+    are does not depend on what is looked for.
     """
-    least = max(least, window.head_height)
-    if not largest >= least:
-        return np.zeros(0)
-    return least * 2.0 ** (np.arange(int(np.floor(layers * np.log2(largest / least) + 1e-6)) + 1) / layers)
+    first, last = layers * np.log2(np.maximum([least, largest], 1e-6) / window.head_height)
+    return np.arange(max(np.ceil(first - 0.5), 0), np.floor(last + 0.5) + 1, dtype=int)
 
 
 def pyramid(grey: np.ndarray, window: HeadWindow, least: float, largest: float, layers: int = LAYERS) -> List[Layer]:
@@ -105,11 +104,11 @@ def pyramid(grey: np.ndarray, window: HeadWindow, least: float, largest: float, 
         layers: scales an octave.
     """
     scales, found = Scales(grey), []
-    for index, height in enumerate(head_heights(window, least, min(largest, grey.shape[0]), layers)):
-        smaller, scale = scales.at(window.head_height / height)
+    for number in head_numbers(window, least, min(largest, grey.shape[0]), layers).tolist():
+        smaller, scale = scales.at(0.5 ** (number / layers))
         features = fhog(smaller, window.features)
         if features.shape[0] >= window.rows and features.shape[1] >= window.cols:
-            found.append(Layer(index, scale, 0, 0, features))
+            found.append(Layer(number, scale, 0, 0, features))
     return found
 
 
@@ -129,9 +128,10 @@ def searched_pyramid(grey: np.ndarray, window: HeadWindow, search: Search, layer
     scales, found = Scales(grey), []
     least, largest = search.heights[:, 0].min(), min(search.heights[:, 1].max(), grey.shape[0])
     nearly = 2.0 ** (0.5 / layers)
-    for number, height in enumerate(head_heights(window, least, largest, layers)):
+    for number in head_numbers(window, least, largest, layers).tolist():
+        height = window.head_height * 2.0 ** (number / layers)
         wanted = (search.heights[:, 0] <= height * nearly) & (search.heights[:, 1] >= height / nearly)
-        smaller, scale = scales.at(window.head_height / height)
+        smaller, scale = scales.at(0.5 ** (number / layers))
         for left, top, right, bottom in _pieces(window, search.corners[wanted] * np.tile(scale, 2), smaller.shape):
             if bottom - top >= window.rows and right - left >= window.cols:
                 cell = window.features.cell
