@@ -11,6 +11,8 @@ from people_fusion.core.images import Image
 from people_fusion.core.registry import Registry
 from people_fusion.cues.heads.boxes import BoxConfig, Boxes, best_of_overlapping
 
+OCTAVES = 0.5  # of sizes that are searched together
+
 
 class Search(NamedTuple):
     """What finds are wanted: those whose middle lies in a region and whose height is within that region's limits.
@@ -52,7 +54,7 @@ class Crop(NamedTuple):
     heights: np.ndarray
 
 
-def without_repeats(search: Search, octaves: float = 0.5) -> Search:
+def without_repeats(search: Search, octaves: float = OCTAVES) -> Search:
     """A search of at least the same, in which hardly anything is looked at twice.
 
     Where regions overlap in place and in size, what is searched is cut by size instead: of each interval the smallest
@@ -87,7 +89,7 @@ def without_repeats(search: Search, octaves: float = 0.5) -> Search:
     return Search(table[:, :4], table[:, 4:])
 
 
-def crops(image: Image, search: Search, window: float = 1.0) -> Iterator[Crop]:
+def crops(image: Image, search: Search, window: float = 1.0, octaves: float = OCTAVES) -> Iterator[Crop]:
     """The pieces of the image that a search needs.
 
     What is seen in windows of neighbouring sizes may be in several of them.
@@ -95,9 +97,10 @@ def crops(image: Image, search: Search, window: float = 1.0) -> Iterator[Crop]:
     Args:
         image, search: as given to `Detector.detect`.
         window: height of what is looked at, over that of the box; the margin is half of the largest.
+        octaves: see `without_repeats`; many for detectors that find many sizes at once.
     """
     height, width = image.grey.shape
-    for corners, heights in zip(*without_repeats(search)):
+    for corners, heights in zip(*without_repeats(search, octaves)):
         margin = 0.5 * min(window * heights[1], height)
         top, bottom = np.clip([corners[1] - margin, corners[3] + margin], 0, height).round().astype(int)
         left, right = np.round([corners[0] - margin, corners[2] + margin]).astype(int)

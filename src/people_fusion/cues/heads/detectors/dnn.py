@@ -23,6 +23,7 @@ from people_fusion.cues.heads.detector import DETECTORS, Crop, Detector, Search,
 OVERLAP = 0.4
 CUT = 0.02  # of its height, so near to the image's upper or lower edge a box is cut
 YUNET_SINCE = (4, 8)  # OpenCV
+CONTEXT, OCTAVES = 1.5, 3.0  # of what a network looks at, over the box; of the sizes it looks for at once
 MOST_FACES = 500  # in one piece
 CELL = 32  # pixels; what Yolo-Fastest's input must be a multiple of
 FILLING = 128  # grey beside the image
@@ -65,7 +66,7 @@ class DnnBodyConfig:
     threshold: float = parameter(0.5, "of the network's score", 0.0, 1.0)
     score_at_half: float = parameter(0.85, "score of finds half of which are people", 0.0, 1.0)
     score_scale: float = parameter(0.05, "of the scores about that", low=1e-3)
-    enlarge: float = parameter(1.0, "of the image at most, for people of less than 40 rows", 1.0, 4.0)
+    enlarge: float = parameter(1.0, "of the image at most, for people of less than 64 rows", 1.0, 4.0)
     box: BoxConfig = section(
         lambda: BoxConfig(height=1.75, height_std=0.16, head_above=0.75, head_above_std=0.08, across_std=0.08),
         "what a box holds",
@@ -86,7 +87,7 @@ class NetworkDetector(Detector):
 
     def detect(self, image: Image, search: Search) -> Boxes:
         """See Detector."""
-        finds = [self._whole(self._finds(image, crop), image) for crop in crops(image, search)]
+        finds = [self._whole(self._finds(image, crop), image) for crop in crops(image, search, CONTEXT, OCTAVES)]
         return gathered(finds, image, search, OVERLAP)
 
     @abc.abstractmethod
@@ -168,7 +169,7 @@ class DnnBody(NetworkDetector):
     """Yolo-Fastest. It is surer than it may be."""
 
     part: ClassVar[str] = "body"
-    sizes: ClassVar[Sizes] = Sizes(40.0, 280.0)
+    sizes: ClassVar[Sizes] = Sizes(64.0, 280.0)
 
     config: DnnBodyConfig
 
