@@ -81,7 +81,7 @@ def draw_looks(count: int, rng: np.random.Generator) -> List[Look]:
         style = int(rng.choice([SHORT, LONG, BALD], p=[0.55, 0.35, 0.1]))
         colours = np.array([skin, hair, shirt, trousers, 0.85 * skin, 0.9 * skin])
         face = _face(hair / skin, rng, beard=style != LONG and rng.random() < 0.25, glasses=rng.random() < 0.25)
-        scale = rng.normal(1.0, [0.03, 0.04, 0.025]).clip(0.92, 1.08)
+        scale = rng.normal(1.0, [0.04, 0.04, 0.045]).clip(0.88, 1.12)
         shoulders = rng.uniform(0.165, 0.205)
         looks.append(Look(colours, face, style, scale, shoulders, rng.choice([0.0, 0.0, 0.25])))
     return looks
@@ -103,20 +103,18 @@ def stand(head: np.ndarray, heading: float, gaze: float, legs: np.ndarray, look:
     solids.head_ends()
     body, wide = _about_z(heading), look.shoulders
     solids.add(head, body, np.array([-0.025, 0.0, -0.12]), np.array([0.054, 0.059, 0.11]), NECK)
-    solids.add(head, body, np.array([-0.035, 0.0, -0.215]), np.array([0.062, 0.105, 0.055]), SHIRT)
-    solids.add(head, body, np.array([-0.035, 0.0, -0.41]), np.array([0.12, wide, 0.22]), SHIRT)
+    solids.add(head, body, np.array([-0.035, 0.0, -0.265]), np.array([0.07, wide + 0.01, 0.09]), SHIRT)
+    solids.add(head, body, np.array([-0.035, 0.0, -0.43]), np.array([0.12, wide, 0.23]), SHIRT)
     solids.add(head, body, np.array([-0.03, 0.0, -0.6]), np.array([0.11, 0.165, 0.22]), SHIRT)
     hips = head + body @ np.array([-0.03, 0.0, -0.72])
     solids.add(hips, body, np.zeros(3), np.array([0.11, 0.165, 0.12]), TROUSERS)
     ahead = (legs[:, :2].mean(axis=0) - head[:2]) @ body[:2, 0]
     sitting = float(np.clip((ahead - SITS_M[0]) / (SITS_M[1] - SITS_M[0]), 0.0, 1.0))
     for side, leg in zip((1.0, -1.0), legs):
-        shoulder = head + body @ np.array([-0.035, side * (wide - 0.005), -0.255])
-        neck = head + body @ np.array([-0.035, side * 0.045, -0.19])
+        shoulder = head + body @ np.array([-0.035, side * (wide - 0.02), -0.285])
         elbow = head + body @ np.array([-0.06 + 0.05 * sitting, side * (wide + 0.05), -0.53])
         hand = head + body @ np.array([0.04 + 0.2 * sitting, side * (wide + 0.04), -0.76 + 0.14 * sitting])
-        solids.limb(neck, shoulder, 0.05, SHIRT)
-        solids.add(shoulder, body, np.zeros(3), np.array([0.058, 0.052, 0.056]), SHIRT)
+        solids.add(shoulder, body, np.zeros(3), np.array([0.058, 0.058, 0.062]), SHIRT)
         solids.limb(shoulder, elbow, 0.05, SHIRT)
         solids.limb(elbow, hand, 0.04, SHIRT)
         solids.add(hand, body, np.zeros(3), np.array([0.045, 0.03, 0.055]), SKIN)
