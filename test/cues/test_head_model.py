@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import json
 import zipfile
 
+import cv2
 import numpy as np
 import pytest
 
 from people_fusion.core.errors import ConfigError
+from people_fusion.cues.heads.boxes import overlaps
 from people_fusion.cues.heads.fhog import FhogConfig
-from people_fusion.cues.heads.head_model import HeadModel, HeadWindow, load_head_model
+from people_fusion.cues.heads.head_model import HeadModel, HeadWindow, load_head_model, read_poschmann_model
+from people_fusion.cues.heads.pyramid import detect
 
 
 def model_of(features=None, rows=3, cols=5, seed=0):
@@ -151,3 +155,38 @@ def test_files_of_other_kinds_are_refused(tmp_path):
     for missing in (tmp_path / "nothing.npz", tmp_path, "no_such_model"):
         with pytest.raises(ConfigError, match=str(missing)):
             load_head_model(missing)
+
+
+REFERENCES = {4: 16, 6: 22, 9: 31}
+
+
+@pytest.mark.parametrize("bins", REFERENCES)
+def test_svm_of_the_thesis_works_on_our_cells(recordings, bins):
+    """Its weights are sorted by cell and bin as ours are; otherwise it would find nothing, or everything."""
+    model = read_poschmann_model(recordings / f"head_svm_reference/svm-frontal-fhog{bins}-4x10")
+    assert model.window.name == f"FHOG{bins} 4x10" and model.window.features.dimensions == REFERENCES[bins]
+    found = hits = 0
+    for name, marked in list(annotations(recordings).items())[:25]:
+        grey = cv2.imread(str(recordings / "heads/images" / name), cv2.IMREAD_GRAYSCALE)
+        boxes = detect(model, grey, 40, 300, 0.0)
+        found += len(boxes.scores)
+        hits += int((overlaps(boxes.corners, marked).max(axis=1, initial=0.0) > 0.4).sum())
+    assert hits >= 12 and found <= 3 * hits  # of many heads that are no frontal ones
+
+
+@pytest.mark.parametrize("content", ["", "Kernel RBF\n", "Kernel Linear\nBias x\n"])
+def test_text_that_is_no_svm_is_refused(tmp_path, content):
+    path = tmp_path / "svm"
+    path.write_text(content, encoding="utf-8")
+    for wrong in (path, tmp_path / "nothing"):
+        with pytest.raises(ConfigError, match=str(wrong)):
+            read_poschmann_model(wrong)
+
+
+def annotations(recordings):
+    """(N, 4) marked boxes of each photograph, by its name."""
+    marked = {}
+    with (recordings / "heads/annotations.csv").open(encoding="utf-8") as stream:
+        for row in csv.DictReader(stream):
+            marked.setdefault(row["image"], []).append([float(row[key]) for key in ("xmin", "ymin", "xmax", "ymax")])
+    return {name: np.array(boxes) for name, boxes in sorted(marked.items())}

@@ -162,6 +162,32 @@ def load_head_model(name: Union[str, Path]) -> HeadModel:
         raise ConfigError(f"{path}: damaged head model: {error}") from error
 
 
+def read_poschmann_model(path: Union[str, Path], cell: int = 4) -> HeadModel:
+    """An SVM of Poschmann's own, as text: bias, logistic offset and slope, weights of FHOG cells; to compare with.
+
+    Args:
+        path: of the file.
+        cell: edge of its cells, pixels, which the file does not tell.
+
+    Raises:
+        ConfigError: the file is missing or is not such a model; the message names it.
+    """
+    try:
+        lines = Path(path).read_text(encoding="utf-8").split("\n")
+        _, count, rows, cols, dimensions, _ = lines[4].split()
+        weights = np.array(lines[5].split(), dtype=np.float32).reshape(int(rows), int(cols), int(dimensions))
+        if lines[0] != "Kernel Linear" or count != "1" or lines[2].split() != ["Coefficients", "1"]:
+            raise ValueError("not one linear support vector")
+        bias, slope = float(lines[1].split()[1]), float(lines[6].split()[2])
+        features = FhogConfig(cell, (int(dimensions) - 4) // 3)
+        window = HeadWindow(features, int(rows), int(cols), (0.0, 0.0, float(cols), float(rows)))
+        return HeadModel(window, weights, -bias, slope, {"file": Path(path).name})
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}") from error
+    except (ValueError, IndexError, ConfigError) as error:
+        raise ConfigError(f"{path}: not a head SVM as text: {error}") from error
+
+
 def _window(entry: Dict[str, Any]) -> HeadWindow:
     left, top, right, bottom = (float(edge) for edge in entry["box"])
     return HeadWindow(
