@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What detectors find of rendered people, what their boxes hold, and whether the heads they give are as sure as they say.
+"""What detectors find of rendered people, what their boxes hold, and whether their heads are as sure as they say.
 
 Rooms with people who stand before a camera and look about are rendered (docs/cameras.md). A find belongs to the person
 the middle of whose head it covers. At that person's true distance the find's box spans so many metres, its middle is so
@@ -7,8 +7,8 @@ far below the head, so far to the side: means and standard deviations of that ar
 wants to know. NEES is that of the head in space, on average 3 where covariances are right: with the config's box, and
 with the measured one; in brackets the share of heads within the ellipsoid of 95 %.
 
-Recall is that of heads of 40 pixels and more, nine tenths of which are visible: of faces turned away by half a radian at
-most, and of all.
+Recall is that of heads of 40 pixels and more, nine tenths of which are visible: of faces turned away by half a radian
+at most, and of all.
 """
 
 import os
@@ -18,7 +18,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import argparse
 import time
-from dataclasses import replace
 
 import numpy as np
 
@@ -109,8 +108,7 @@ def nees(corners, camera, level, positions, box):
 def measure(name, pictures):
     """Print what one detector makes of the pictures."""
     detector = DETECTORS.build(parse(DETECTORS.config_of(name, name), {}))
-    corners, positions, kept, frontal, everybody, false = [], [], [], [], [], 0
-    began, busy = 0.0, 0.0
+    corners, positions, frontal, everybody, false, busy = [], [], [], [], 0, 0.0
     for picture, simulated in pictures:
         image = Image(0, picture.config.frame, picture.pixels, simulated.camera)
         began = time.process_time()
@@ -133,7 +131,8 @@ def measure(name, pictures):
     if len(corners) < 5:
         return
     held = spans(corners, camera, level, positions)
-    held = held[np.abs(held[:, 0] / np.median(held[:, 0]) - 1.0) < 0.6]
+    right = np.abs(held[:, 0] / np.median(held[:, 0]) - 1.0) < 0.6  # others hold something else
+    corners, positions, held = corners[right], positions[right], held[right]
     mean, std = held.mean(axis=0), held.std(axis=0)
     measured = BoxConfig(*(float(value) for value in (mean[0], std[0], mean[1], std[1], np.hypot(mean[2], std[2]))))
     print(f"  measured: height {mean[0]:.3f} +- {std[0]:.3f}, head_above {mean[1]:.3f} +- {std[1]:.3f}, "

@@ -184,8 +184,8 @@ class Cast:
 
     def __init__(self, history: History, config: LooksConfig, rng: np.random.Generator) -> None:
         steps, count = history.headings.shape
-        self.looks: Sequence[Look] = draw_looks(count, rng)
         self.light = Light(config.light_gradient, rng)
+        self.looks: Sequence[Look] = draw_looks(count, rng)
         self.gazes = history.headings + _glances(steps, count, config, rng)
 
     def gaze_at(self, time_s: float) -> np.ndarray:

@@ -24,7 +24,7 @@ HEAD = [
     (np.array([-0.02, 0.0, 0.032]), np.array([0.104, 0.086, 0.1]), HAIR),
     (np.array([-0.045, 0.0, -0.06]), np.array([0.075, 0.095, 0.17]), HAIR),
 ]
-SKULL, FACE = 2, 3  # so many of them
+SKULL, FACE, SHORT_HEAD = 2, 3, 6  # so many of them
 KNEE_M = 0.48
 SITS_M = (0.18, 0.28)  # feet that far before the head are those of one who stands, of one who sits
 
@@ -59,7 +59,7 @@ class Solids(NamedTuple):
         materials: (K,).
         is_skull: (K,) whether they are skull or jaw, which head boxes enclose.
         is_face: (K,) whether the face is painted on them: skull, jaw and nose.
-        on_head: (K,) whether they turn with the head.
+        on_head: (K,) whether they belong to the head, hair that hangs down left out.
     """
 
     centres: np.ndarray
@@ -178,7 +178,7 @@ class _Collector:
     def solids(self) -> Solids:
         centres, shapes, materials = zip(*self._rows)
         numbers = np.arange(len(centres))
-        flags = (numbers < SKULL, numbers < FACE, numbers < self._on_head)
+        flags = (numbers < SKULL, numbers < FACE, numbers < min(self._on_head, SHORT_HEAD))
         return Solids(np.array(centres), np.array(shapes), np.array(materials), *flags)
 
 

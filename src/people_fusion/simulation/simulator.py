@@ -122,7 +122,7 @@ class Simulation:
         self.detectors = [
             Detector(config, self.plan, self._generator(f"detector {config.name}")) for config in scenario.detectors
         ]
-        cast = Cast(self.history, scenario.looks, self._generator("looks"))
+        self._cast = cast = Cast(self.history, scenario.looks, self._generator("looks"))
         self.cameras = [
             SimulatedCamera(
                 config,
