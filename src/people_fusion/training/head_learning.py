@@ -45,8 +45,7 @@ class LearningConfig:
     hard_negatives: int = parameter(100, "of an image and round, at most", low=1)
     hard_score: float = parameter(-1.0, "least score of a hard negative")
     apart: float = parameter(0.3, "largest overlap of a negative with anything that is marked", 0.0, 1.0)
-    most_negatives: int = parameter(30000, "that are kept, mirror images included: those that score highest", low=1)
-    near: float = parameter(0.7, "least overlap of a positive window with the head's box", 0.1, 1.0)
+    near: float = parameter(0.75, "least overlap of a positive window with the head's box", 0.1, 1.0)
 
 
 class Example(NamedTuple):
@@ -153,10 +152,7 @@ def learn(
         if told is not None:
             told(number, model)
         if number < config.rounds:
-            hard = folded(partial(hard_negatives, model, config))
-            negatives = np.concatenate([negatives, hard])
-            strongest = np.argsort(-svm.scores(negatives), kind="stable")[: config.most_negatives // 2]
-            negatives = negatives[np.sort(strongest)]
+            negatives = np.concatenate([negatives, folded(partial(hard_negatives, model, config))])
     return model
 
 
