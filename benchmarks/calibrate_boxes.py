@@ -105,9 +105,9 @@ def nees(corners, camera, level, positions, box):
     return np.einsum("ni,nij,nj->n", errors, np.linalg.inv(found.covariances), errors)
 
 
-def measure(name, pictures):
+def measure(name, parameters, pictures):
     """Print what one detector makes of the pictures."""
-    detector = DETECTORS.build(parse(DETECTORS.config_of(name, name), {}))
+    detector = DETECTORS.build(parse(DETECTORS.config_of(name, name), parameters))
     corners, positions, frontal, everybody, false, busy = [], [], [], [], 0, 0.0
     for picture, simulated in pictures:
         image = Image(0, picture.config.frame, picture.pixels, simulated.camera)
@@ -150,11 +150,12 @@ def main():
     parser.add_argument("--camera", choices=sorted(CAMERAS), default="pinhole")
     parser.add_argument("--images", type=int, default=60)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--model", help="of detectors that need one")
     options = parser.parse_args()
     pictures = list(rendered(options.camera, options.images, options.seed))
     for name in options.detectors:
         try:
-            measure(name, pictures)
+            measure(name, {"model": options.model} if options.model else {}, pictures)
         except PeopleFusionError as error:
             print(f"{name}: {error}")
 

@@ -91,6 +91,19 @@ def test_detections_and_clutter_are_as_frequent_as_they_should_be():
     assert max(np.linalg.norm(entry.positions[:, :2], axis=1).max(initial=0.0) for entry in cluttered) <= 5.0
 
 
+def test_the_farther_and_the_more_turned_away_the_oftener_people_are_missed():
+    places, headings = [(2, 0), (0, 4), (-2, 0)], [np.pi, -np.pi / 2, np.pi / 2]
+
+    def found(**config):
+        entries = measurements(standing(places, headings), count=600, detection_probability=0.8, **config)
+        spots = np.concatenate([entry.positions[:, :2] for entry in entries])
+        return [np.mean(np.linalg.norm(spots - place, axis=1) < 1.0) * len(spots) / 600 for place in places]
+
+    assert found() == pytest.approx([0.8, 0.8, 0.8], abs=0.06)
+    assert found(lost_by_distance=0.5, reach=4.0) == pytest.approx([0.7, 0.4, 0.7], abs=0.06)
+    assert found(lost_by_yaw=1.0, facing=np.pi) == pytest.approx([0.8, 0.8, 0.6], abs=0.06)
+
+
 def test_nobody_seen_is_no_evidence_that_nobody_is_there():
     (entry, *_) = measurements(standing([(30, 0)], [0.0]), count=2)
     assert len(entry) == 0

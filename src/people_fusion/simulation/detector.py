@@ -46,6 +46,12 @@ class DetectorConfig:
     facing: float = parameter(3.1416, "how far a person may be turned away from the camera, radians", low=0.0)
     reach: float = parameter(5.0, "heads are not found farther away, metres", low=0.1)
     detection_probability: float = parameter(0.8, "of a head in plain view", low=0.0, high=1.0)
+    lost_by_yaw: float = parameter(
+        0.0, "share of that lost of who is turned away as far as `facing`; less with the square of the angle", 0.0, 1.0
+    )
+    lost_by_distance: float = parameter(
+        0.0, "share of that lost as far away as `reach`; less with the square of the distance", 0.0, 1.0
+    )
     clutter: float = parameter(0.02, "mean number of false detections in an image", low=0.0)
     along_share: float = parameter(
         0.1, "standard deviation along the ray as a share of the distance, which is told by the size of a box", low=1e-3
@@ -129,7 +135,7 @@ class Detector:
     ) -> Measurement:
         """What the cue makes of the image that is exposed at `time_s`; detections stand in random order."""
         config, rng = self.config, self._rng
-        seen = self.sees(history, time_s) & (rng.random(len(history.leg_radii)) < config.detection_probability)
+        seen = self.sees(history, time_s) & (rng.random(len(history.leg_radii)) < self.probabilities(history, time_s))
         exact = self._from_camera(history, base_height, time_s)[seen]
         true = exact + np.einsum("nij,nj->ni", self._roots(exact), rng.standard_normal((len(exact), 3)))
         found = rng.permutation(np.concatenate([true, self._clutter(base_height)]))
@@ -151,12 +157,7 @@ class Detector:
     def sees(self, history: History, time_s: float) -> np.ndarray:
         """(N,) whose head is in plain view; walls, pillars and other heads hide it."""
         config = self.config
-        at = np.array([time_s])
-        camera = planar.compose(history.at("robot", at)[0], self.mount)
-        heads = history.at("heads", at)[0, :, :2]
-        to_head = heads - camera[:2]
-        distances = np.linalg.norm(to_head, axis=1)
-        directions = to_head / np.maximum(distances, 1e-9)[:, None]
+        camera, heads, distances, directions, turned = self._geometry(history, time_s)
         circles = np.concatenate([self._plan.centres, heads])
         radii = np.concatenate([self._plan.radii, np.full(len(heads), HEAD_RADIUS_M)])
         centres = np.broadcast_to(circles, (len(heads), *circles.shape))
@@ -165,9 +166,32 @@ class Detector:
         first = len(self._plan.segments) + len(self._plan.radii)
         bearings = np.arctan2(directions[:, 1], directions[:, 0])
         ahead = np.abs(planar.wrap(bearings - camera[2])) <= config.field_of_view / 2.0
-        turned = np.abs(planar.wrap(history.at("headings", at)[0] - bearings + math.pi))
         plain: np.ndarray = hits == first + np.arange(len(heads))
         return plain & ahead & (turned <= config.facing) & (distances <= config.reach)
+
+    def probabilities(self, history: History, time_s: float) -> np.ndarray:
+        """(N,) that each person is found who is in plain view."""
+        config = self.config
+        _, _, distances, _, turned = self._geometry(history, time_s)
+        away = np.minimum(turned / max(config.facing, 1e-9), 1.0)
+        far = np.minimum(distances / config.reach, 1.0)
+        kept = (1.0 - config.lost_by_yaw * away**2) * (1.0 - config.lost_by_distance * far**2)
+        return np.asarray(config.detection_probability * kept)
+
+    def _geometry(
+        self, history: History, time_s: float
+    ) -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Pose (3,) of the camera, and of each person's head: place (N, 2), distance (N,), direction (N, 2), and how
+        far the body is turned away (N,), radians."""
+        at = np.array([time_s])
+        camera = planar.compose(history.at("robot", at)[0], self.mount)
+        heads = history.at("heads", at)[0, :, :2]
+        to_head = heads - camera[:2]
+        distances = np.linalg.norm(to_head, axis=1)
+        directions = to_head / np.maximum(distances, 1e-9)[:, None]
+        bearings = np.arctan2(directions[:, 1], directions[:, 0])
+        turned = np.abs(planar.wrap(history.at("headings", at)[0] - bearings + math.pi))
+        return camera, heads, distances, directions, turned
 
     def _from_camera(self, history: History, base_height: float, time_s: float) -> np.ndarray:
         """(N, 3) heads in the camera's frame."""

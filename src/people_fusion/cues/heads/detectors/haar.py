@@ -17,6 +17,7 @@ from people_fusion.cues.heads.detector import DETECTORS, Crop, Detector, Search,
 OVERLAP = 0.3
 SIMILAR = 0.2  # of their size, by which windows differ that agree; OpenCV's own
 NO_WINDOWS = np.zeros((0, 4), dtype=int)
+# What boxes hold is calibrated on rendered people (benchmarks/calibrate_boxes.py) and agrees with photographs.
 DEBIAN = ("/usr/share/opencv4/haarcascades", "/usr/share/opencv/haarcascades", "/usr/local/share/opencv4/haarcascades")
 
 
@@ -28,7 +29,10 @@ class HaarFaceConfig:
     step: float = parameter(1.1, "from one size to the next", low=1.01)
     neighbours: int = parameter(3, "windows that must agree", low=0)
     confidence: float = parameter(0.8, "of a find that so many agree on; more make it surer", 0.0, 1.0)
-    box: BoxConfig = section(lambda: BoxConfig(height=0.19, height_std=0.025), "what a box holds")
+    box: BoxConfig = section(
+        lambda: BoxConfig(height=0.188, height_std=0.019, head_above=0.016, head_above_std=0.012, across_std=0.027),
+        "what a box holds",
+    )
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,10 @@ class HaarProfileConfig:
     step: float = parameter(1.1, "from one size to the next", low=1.01)
     neighbours: int = parameter(3, "windows that must agree", low=0)
     confidence: float = parameter(0.7, "of a find that so many agree on; more make it surer", 0.0, 1.0)
-    box: BoxConfig = section(lambda: BoxConfig(height=0.19, height_std=0.03, across_std=0.06), "what a box holds")
+    box: BoxConfig = section(
+        lambda: BoxConfig(height=0.217, height_std=0.022, head_above=0.014, head_above_std=0.015, across_std=0.027),
+        "what a box holds",
+    )
 
 
 @dataclass(frozen=True)
@@ -51,7 +58,7 @@ class HaarUpperBodyConfig:
     neighbours: int = parameter(3, "windows that must agree", low=0)
     confidence: float = parameter(0.7, "of a find that so many agree on; more make it surer", 0.0, 1.0)
     box: BoxConfig = section(
-        lambda: BoxConfig(height=0.55, height_std=0.08, head_above=0.08, head_above_std=0.06, across_std=0.06),
+        lambda: BoxConfig(height=0.61, height_std=0.11, head_above=0.08, head_above_std=0.06, across_std=0.06),
         "what a box holds",
     )
 
