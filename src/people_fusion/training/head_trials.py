@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Callable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -95,9 +95,15 @@ def matches(images: Sequence[Photograph], boxes: Sequence[Boxes], target: Target
     return together(several)
 
 
-def lamr(images: Sequence[Photograph], boxes: Sequence[Boxes], target: Target) -> float:
-    """Log-average miss rate."""
-    return log_average_miss_rate(det_curve(matches(images, boxes, target)))
+def lamr(images: Sequence[Photograph], boxes: Sequence[Boxes], target: Target) -> Optional[float]:
+    """Log-average miss rate; None where there is nothing to be found."""
+    counts = matches(images, boxes, target)
+    return log_average_miss_rate(det_curve(counts)) if counts.considered else None
+
+
+def rates(images: Sequence[Photograph], boxes: Sequence[Boxes], wanted: Sequence[Target]) -> Dict[str, Optional[float]]:
+    """Log-average miss rates by target's name."""
+    return {target.name: lamr(images, boxes, target) for target in wanted}
 
 
 def detections(model: HeadModel, examples: Sequence[Example]) -> List[Boxes]:
@@ -145,9 +151,8 @@ def score_table(images: Sequence[Photograph], trials: Mapping[str, Sequence[Boxe
     header = ("LAMR", *(target.name for target in wanted), f"misses at 0.1, {wanted[0].name}", "at 1")
     rows = []
     for name, boxes in trials.items():
-        curves = [det_curve(matches(images, boxes, target)) for target in wanted]
-        points = miss_rates_at(curves[0], np.array([0.1, 1.0])).tolist()
-        rows.append((name, *(percent(log_average_miss_rate(curve)) for curve in curves), *map(percent, points)))
+        points = miss_rates_at(det_curve(matches(images, boxes, wanted[0])), np.array([0.1, 1.0])).tolist()
+        rows.append((name, *(percent(lamr(images, boxes, target)) for target in wanted), *map(percent, points)))
     counts = [str(matches(images, [Boxes.none()] * len(images), target).considered) for target in wanted]
     return Table(header, (*rows, ("heads", *counts, "", "")))
 
@@ -186,7 +191,7 @@ class Split:
 
         def told(_: int, model: HeadModel) -> None:
             if each is not None:
-                each.append(lamr(self._test, detections(model, test), wanted[0]))
+                each.append(lamr(self._test, detections(model, test), wanted[0]) or 0.0)
 
         model = learn(train, recipe.window.window(), recipe.learning, np.random.default_rng(recipe.seed), told)
         boxes = detections(model, test)

@@ -31,8 +31,8 @@ from people_fusion.training.head_trials import (
     Target,
     calibrated,
     cross_validated,
-    lamr,
     matches,
+    rates,
     score_table,
     see,
     targets,
@@ -68,6 +68,9 @@ def run(options: argparse.Namespace, notes: Console) -> None:
     images = photographs(options.data / first.photographs, first.largest_side, first.leave_out)
     if len(images) < first.folds:
         raise RecordingError(f"{options.data / first.photographs}: {len(images)} photographs for {first.folds} folds")
+    if options.thesis:
+        _tell(_thesis(images, first, options.thesis, notes), options.tables)
+        return
     wanted = targets(first.least)
     trials: Dict[str, Sequence[Boxes]] = {}
     for name, recipe in recipes.items():
@@ -79,23 +82,13 @@ def run(options: argparse.Namespace, notes: Console) -> None:
             print(path)
     if options.peers is not None:
         trials.update(_peers(images, options.peers, first, notes))
-    tables = [("Heads that no model has seen before", score_table(images, trials, wanted))]
-    if options.thesis:
-        tables += _thesis(images, first, options.thesis, notes)
-    for title, table in tables:
-        print(f"{title}\n\n{table.as_text()}\n")
-    if options.tables is not None:
-        _write(options.tables, "".join(f"\n## {title}\n\n{table.as_markdown()}\n" for title, table in tables)[1:])
-        print(options.tables)
-    curves = {name: det_curve(matches(images, boxes, wanted[0])) for name, boxes in trials.items()}
+    _tell([("Heads that no model has seen before", score_table(images, trials, wanted))], options.tables)
     if options.det is not None:
+        curves = {name: det_curve(matches(images, boxes, wanted[0])) for name, boxes in trials.items()}
         plot_det(curves, f"Bare upright heads of {first.least:.0f} pixels and more; log-average miss rate", options.det)
         print(options.det)
     if options.json is not None:
-        figures = {
-            name: {target.name: lamr(images, boxes, target) for target in wanted} for name, boxes in trials.items()
-        }
-        write_json(options.json, figures)
+        write_json(options.json, {name: rates(images, boxes, wanted) for name, boxes in trials.items()})
 
 
 def train(
@@ -138,14 +131,13 @@ def _model(
     command: str,
 ) -> HeadModel:
     model = learn(examples, recipe.window.window(), recipe.learning, np.random.default_rng(recipe.seed))
-    wanted = targets(recipe.least)
     model = calibrated(model, images, boxes, Target("its own", recipe.classes, recipe.least))
     provenance = {
         "command": command,
         "photographs": len(images),
         "heads": int(sum(seen.considered.sum() for seen in examples)),
         "sha256": digest(images),
-        "log_average_miss_rates": {target.name: round(lamr(images, boxes, target), 4) for target in wanted},
+        "log_average_miss_rates": rates(images, boxes, targets(recipe.least)),
         "recipe": settings(recipe),
     }
     return dataclasses.replace(model, provenance=provenance)
@@ -198,6 +190,15 @@ def _command(options: argparse.Namespace) -> str:
     return f"train_heads {' '.join(path.name for path in options.recipes)} --data DATA --out DIR"
 
 
+def _tell(tables: Sequence[Tuple[str, Table]], path: Optional[Path]) -> None:
+    """Print tables, and write them as Markdown where that is wanted."""
+    for title, table in tables:
+        print(f"{title}\n\n{table.as_text()}\n")
+    if path is not None:
+        _write(path, "".join(f"\n## {title}\n\n{table.as_markdown()}\n" for title, table in tables)[1:])
+        print(path)
+
+
 def _save(model: HeadModel, path: Path) -> None:
     try:
         model.save(path)
@@ -225,7 +226,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--data", type=Path, default=Path(), metavar="DIR", help="folder that the recipes' paths are relative to")
     add("--out", type=Path, metavar="DIR", help="learn from all photographs; one model a recipe, of its name")
     add("--peers", type=Path, metavar="DIR", help="compare others: folder with head_svm_reference/ and models/")
-    add("--thesis", type=int, default=0, metavar="N", help="also the thesis's tables, on every Nth photograph")
+    add("--thesis", type=int, default=0, metavar="N", help="instead, the thesis's tables, on every Nth photograph")
     add("--tables", type=Path, metavar="MD", help="write the tables as Markdown")
     add("--det", type=Path, metavar="PNG", help="picture of the DET curves")
     add("--json", type=Path, metavar="FILE", help="write the figures")
