@@ -74,7 +74,7 @@ def run(options: argparse.Namespace, notes: Console) -> None:
     wanted = targets(first.least)
     trials: Dict[str, Sequence[Boxes]] = {}
     for name, recipe in recipes.items():
-        trained = train(name, recipe, images, _command(options), options.out is not None, notes)
+        trained = train(name, recipe, images, options.out is not None, notes)
         trials[f"{name}: {recipe.window.window().name}"] = trained.boxes
         if trained.model is not None:
             path = options.out / f"{name}.npz"
@@ -92,7 +92,7 @@ def run(options: argparse.Namespace, notes: Console) -> None:
 
 
 def train(
-    name: str, recipe: HeadRecipeConfig, images: Sequence[Photograph], command: str, wants_model: bool, notes: Console
+    name: str, recipe: HeadRecipeConfig, images: Sequence[Photograph], wants_model: bool, notes: Console
 ) -> Trained:
     """Cross-validate a recipe and, if it is wanted, learn its model from all photographs.
 
@@ -106,7 +106,7 @@ def train(
         boxes = cross_validated(images, examples, recipe, lambda: progress.advance(task))
         model = None
         if wants_model:
-            model = _model(recipe, images, examples, boxes, command)
+            model = _model(name, recipe, images, examples, boxes)
             progress.advance(task)
     return Trained(boxes, model)
 
@@ -124,16 +124,16 @@ def load_recipe(path: Path) -> HeadRecipeConfig:
 
 
 def _model(
+    name: str,
     recipe: HeadRecipeConfig,
     images: Sequence[Photograph],
     examples: Sequence[Example],
     boxes: Sequence[Boxes],
-    command: str,
 ) -> HeadModel:
     model = learn(examples, recipe.window.window(), recipe.learning, np.random.default_rng(recipe.seed))
     model = calibrated(model, images, boxes, Target("its own", recipe.classes, recipe.least))
     provenance = {
-        "command": command,
+        "command": f"train_heads {name}.yaml --data DATA --out DIR",
         "photographs": len(images),
         "heads": int(sum(seen.considered.sum() for seen in examples)),
         "sha256": digest(images),
@@ -184,10 +184,6 @@ def _thesis(
 
 def _material(recipe: HeadRecipeConfig) -> Tuple[Any, ...]:
     return (recipe.photographs, recipe.leave_out, recipe.largest_side, recipe.least, recipe.folds, recipe.seed)
-
-
-def _command(options: argparse.Namespace) -> str:
-    return f"train_heads {' '.join(path.name for path in options.recipes)} --data DATA --out DIR"
 
 
 def _tell(tables: Sequence[Tuple[str, Table]], path: Optional[Path]) -> None:
