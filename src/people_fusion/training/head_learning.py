@@ -45,6 +45,9 @@ class LearningConfig:
     hard_negatives: int = parameter(100, "of an image and round, at most", low=1)
     hard_score: float = parameter(-1.0, "least score of a hard negative")
     apart: float = parameter(0.3, "largest overlap of a negative with anything that is marked", 0.0, 1.0)
+    doubtful: float = parameter(
+        0.9, "what scores higher than this share of the positives may be a head that nobody has marked", 0.0, 1.0
+    )
     near: float = parameter(0.75, "least overlap of a positive window with the head's box", 0.1, 1.0)
 
 
@@ -55,19 +58,17 @@ class Example(NamedTuple):
         layers: its pyramid.
         truth: (N, 4) squares about all heads that are marked.
         considered: (N,) which of them count.
-        unlabelled: (M, 4) boxes that may hold heads though nobody has marked them; no negatives are taken there.
     """
 
     layers: List[Layer]
     truth: np.ndarray
     considered: np.ndarray
-    unlabelled: np.ndarray
 
 
 def example(image: Photograph, window: HeadWindow, classes: Sequence[str], least: float) -> Example:
     """A photograph's cells, and which of its heads count: of these classes and of at least so many pixels."""
     layers = pyramid(image.grey, window, least, float(image.grey.shape[0]))
-    return Example(layers, squares(image.boxes), considered(image, classes, least), np.zeros((0, 4)))
+    return Example(layers, squares(image.boxes), considered(image, classes, least))
 
 
 def found(model: HeadModel, seen: Example, threshold: float) -> Tuple[Windows, Boxes]:
@@ -152,7 +153,8 @@ def learn(
         if told is not None:
             told(number, model)
         if number < config.rounds:
-            negatives = np.concatenate([negatives, folded(partial(hard_negatives, model, config))])
+            doubtful = float(np.quantile(svm.scores(positives), config.doubtful))
+            negatives = np.concatenate([negatives, folded(partial(hard_negatives, model, config, doubtful))])
     return model
 
 
@@ -194,10 +196,11 @@ def random_negatives(
     return several.take(np.flatnonzero(_apart(several.corners, seen, config.apart))[: config.random_negatives])
 
 
-def hard_negatives(model: HeadModel, config: LearningConfig, seen: Example) -> Windows:
-    """The model's best detections that do not overlap what is marked, or may be a head."""
+def hard_negatives(model: HeadModel, config: LearningConfig, doubtful: float, seen: Example) -> Windows:
+    """The model's best detections that overlap nothing marked and do not score so high that they may be heads."""
     windows, _ = found(model, seen, config.hard_score)
-    return windows.take(np.flatnonzero(_apart(windows.corners, seen, config.apart))[: config.hard_negatives])
+    false = _apart(windows.corners, seen, config.apart) & (windows.scores < doubtful)
+    return windows.take(np.flatnonzero(false)[: config.hard_negatives])
 
 
 def windows_at(
@@ -226,5 +229,4 @@ def nothing() -> Windows:
 
 def _apart(corners: np.ndarray, seen: Example, apart: float) -> np.ndarray:
     """(N,) which boxes overlap nothing by more than `apart`."""
-    marked = np.concatenate([seen.truth, seen.unlabelled])
-    return np.asarray((overlaps(corners, marked) <= apart).all(axis=1))
+    return np.asarray((overlaps(corners, seen.truth) <= apart).all(axis=1))
