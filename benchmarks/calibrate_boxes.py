@@ -155,7 +155,7 @@ def main():
     pictures = list(rendered(options.camera, options.images, options.seed))
     for name in options.detectors:
         try:
-            measure(name, {"model": options.model} if options.model else {}, pictures)
+            measure(name, {"model": options.model} if options.model and "haar" not in name else {}, pictures)
         except PeopleFusionError as error:
             print(f"{name}: {error}")
 

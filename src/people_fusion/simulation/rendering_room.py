@@ -12,8 +12,7 @@ from people_fusion.simulation.plan import Plan
 
 CEILING_M, PICTURES_M, SKIRTING_M = 2.8, (1.25, 1.95), 0.09
 PANEL_M, TILE_M, LAMP_M = 1.6, 0.5, 1.8
-THIN_M = 0.05  # circles that are thinner are legs of furniture, up to the knee
-KNEE_M = 0.45
+THIN_M = 0.05  # radius below which circles are legs of furniture, which is not painted
 TEXTURE = 512  # texels, a centimetre each
 CHANCES = 97  # values of the table that panels take theirs from
 

@@ -30,7 +30,7 @@ class HaarFaceConfig:
     neighbours: int = parameter(3, "windows that must agree", low=0)
     confidence: float = parameter(0.8, "of a find that so many agree on; more make it surer", 0.0, 1.0)
     box: BoxConfig = section(
-        lambda: BoxConfig(height=0.188, height_std=0.019, head_above=0.016, head_above_std=0.012, across_std=0.027),
+        lambda: BoxConfig(height=0.19, height_std=0.016, head_above=0.014, head_above_std=0.009, across_std=0.024),
         "what a box holds",
     )
 
@@ -44,7 +44,7 @@ class HaarProfileConfig:
     neighbours: int = parameter(3, "windows that must agree", low=0)
     confidence: float = parameter(0.7, "of a find that so many agree on; more make it surer", 0.0, 1.0)
     box: BoxConfig = section(
-        lambda: BoxConfig(height=0.217, height_std=0.022, head_above=0.014, head_above_std=0.015, across_std=0.027),
+        lambda: BoxConfig(height=0.217, height_std=0.02, head_above=0.01, head_above_std=0.01, across_std=0.021),
         "what a box holds",
     )
 
@@ -58,7 +58,7 @@ class HaarUpperBodyConfig:
     neighbours: int = parameter(3, "windows that must agree", low=0)
     confidence: float = parameter(0.7, "of a find that so many agree on; more make it surer", 0.0, 1.0)
     box: BoxConfig = section(
-        lambda: BoxConfig(height=0.61, height_std=0.11, head_above=0.08, head_above_std=0.06, across_std=0.06),
+        lambda: BoxConfig(height=0.61, height_std=0.1, head_above=0.09, head_above_std=0.045, across_std=0.045),
         "what a box holds",
     )
 
