@@ -1,4 +1,4 @@
-"""The linear SVM and its sigmoid."""
+"""The linear SVM."""
 
 import json
 import subprocess
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from people_fusion.core.errors import DataError
-from people_fusion.training.head_svm import Svm, platt_slope, train_svm
+from people_fusion.training.head_svm import Svm, train_svm
 
 ORACLE = """
 import json, sys
@@ -67,8 +67,6 @@ def test_same_examples_give_the_same_bytes():
 def test_empty_class_is_refused():
     with pytest.raises(DataError, match="0 positives and 3 negatives"):
         train_svm(np.zeros((0, 2)), np.zeros((3, 2)), 1.0)
-    with pytest.raises(DataError, match="both"):
-        platt_slope(np.zeros(3), np.ones(3, dtype=bool))
 
 
 def test_agrees_with_liblinear(oracle_python):
@@ -88,10 +86,3 @@ def test_agrees_with_liblinear(oracle_python):
     svm = train_svm(positives, negatives, 0.5)
     np.testing.assert_allclose(svm.weights, expected, rtol=1e-3, atol=1e-4)
     assert svm.bias == pytest.approx(bias, abs=1e-3)
-
-
-def test_slope_of_scores_that_follow_a_sigmoid_is_found_again():
-    rng = np.random.default_rng(5)
-    scores = rng.normal(0.0, 2.0, 20000)
-    labels = rng.random(20000) < 1.0 / (1.0 + np.exp(-1.7 * scores))
-    assert platt_slope(scores, labels) == pytest.approx(1.7, rel=0.05)

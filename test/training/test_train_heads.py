@@ -25,7 +25,15 @@ from people_fusion.training.head_learning import (
 )
 from people_fusion.training.head_peers import faces
 from people_fusion.training.head_sources import Photograph, squares
-from people_fusion.training.head_trials import HeadRecipeConfig, cross_validated, lamr, matches, see, targets
+from people_fusion.training.head_trials import (
+    HeadRecipeConfig,
+    calibrated,
+    cross_validated,
+    lamr,
+    matches,
+    see,
+    targets,
+)
 from people_fusion.training.train_heads import load_recipe, main
 
 cv2 = pytest.importorskip("cv2")
@@ -147,6 +155,24 @@ def test_cross_validation_never_tests_what_was_learned_from(images, monkeypatch)
     for seen in examples:
         assert sum(id(seen) in some for some in learned) == 3
     assert lamr(images, boxes, targets(40.0)[2]) < 0.5
+
+
+def test_half_of_the_finds_with_a_calibrated_score_of_zero_are_heads(model, images):
+    """Where heads' scores are those of a known sigmoid, the calibrated model's probabilities are that sigmoid's."""
+    rng = np.random.default_rng(4)
+    image, target = images[0], targets(40.0)[0]
+    several, boxes = [], []
+    for _ in range(4000):  # one find an image, on the head that counts or beside it
+        score = rng.uniform(-1.0, 3.0)
+        is_head = rng.random() < 1.0 / (1.0 + np.exp(-2.5 * (score - 1.2)))
+        several.append(image)
+        corners = squares(image.boxes)[:1] if is_head else np.array([[0.0, 0.0, 5.0, 5.0]])
+        boxes.append(Boxes(corners, np.array([score]), np.array([0.5])))
+    better = calibrated(model, several, boxes, target)
+    assert better.bias == pytest.approx(model.bias - 1.2, abs=0.1)
+    assert better.platt_slope == pytest.approx(-2.5, rel=0.1)
+    with pytest.raises(DataError, match="calibrate"):
+        calibrated(model, [image], [Boxes.none()], target)
 
 
 def test_heads_of_other_classes_and_sizes_are_ignored(images):

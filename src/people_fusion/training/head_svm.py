@@ -1,4 +1,4 @@
-"""A linear support vector machine with weighted examples, and the sigmoid that makes probabilities of its scores."""
+"""A linear support vector machine with weighted examples."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from typing import NamedTuple, Optional
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
-from scipy.optimize import minimize_scalar
 
 from people_fusion.core.errors import DataError
 
@@ -69,27 +68,6 @@ def train_svm(positives: np.ndarray, negatives: np.ndarray, penalty: float, star
         length = _line_search(point[:-1], step[:-1], found, change, signs, cost)
         point, found = point + length * step, found + length * change
     return Svm(point[:-1], float(point[-1]))
-
-
-def platt_slope(scores: np.ndarray, labels: np.ndarray) -> float:
-    """Slope a of p = 1 / (1 + exp(-a f)): the likeliest, both classes weighing the same (eq. 4.2 with b = 0).
-
-    Args:
-        scores: (N,) of examples that the classifier has not been trained on.
-        labels: (N,) whether each is a head.
-
-    Raises:
-        DataError: a class is empty.
-    """
-    if labels.all() or not labels.any():
-        raise DataError("a sigmoid needs scores of both classes")
-    signs = np.where(labels, 1.0, -1.0)
-    weights = np.where(labels, 0.5 / labels.sum(), 0.5 / (~labels).sum())
-
-    def loss(slope: float) -> float:
-        return float((weights * np.logaddexp(0.0, -signs * slope * scores)).sum())
-
-    return float(minimize_scalar(loss, bounds=(1e-3, 50.0), method="bounded").x)
 
 
 def _solve(inside: np.ndarray, curvature: np.ndarray, gradient: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence
 import numpy as np
 
 from people_fusion.core.config import parameter, section
-from people_fusion.core.errors import ConfigError
+from people_fusion.core.errors import ConfigError, DataError
 from people_fusion.cues.heads.boxes import Boxes
 from people_fusion.cues.heads.fhog import FhogConfig
 from people_fusion.cues.heads.head_model import HeadModel, HeadWindow
@@ -17,7 +17,7 @@ from people_fusion.evaluation.detection import Matches, det_curve, log_average_m
 from people_fusion.evaluation.tables import Table, percent
 from people_fusion.training.head_learning import Example, LearningConfig, example, found, learn
 from people_fusion.training.head_sources import Photograph, considered, folds, squares
-from people_fusion.training.head_svm import platt_slope
+from people_fusion.training.train_legs import calibrate
 
 LEAST_SCORE = -1.0  # of detections that a curve is made of (4.5.1)
 
@@ -127,9 +127,16 @@ def cross_validated(
 
 
 def calibrated(model: HeadModel, images: Sequence[Photograph], boxes: Sequence[Boxes], target: Target) -> HeadModel:
-    """The model with the sigmoid of detections in photographs that others like it had not seen."""
+    """The model with the sigmoid of detections in photographs that others like it had not seen (eq. 4.2).
+
+    The thesis sets the sigmoid's offset to 0 so that a score of 0 has a probability of 0.5. Here the bias takes the
+    offset up, so that 0.5 is true: half of the detections with a score near 0 are heads.
+    """
     held_out = matches(images, boxes, target)
-    return dataclasses.replace(model, platt_slope=-platt_slope(held_out.scores, held_out.true))
+    if held_out.true.all() or not held_out.true.any():
+        raise DataError("nothing to calibrate with", f"{held_out.true.sum()} of {len(held_out.true)} finds are heads")
+    slope, offset = calibrate(held_out.scores, held_out.true, float(held_out.true.mean()))
+    return dataclasses.replace(model, bias=model.bias + offset / slope, platt_slope=-slope)
 
 
 def see(images: Sequence[Photograph], recipe: HeadRecipeConfig, advance: Callable[[], None]) -> List[Example]:
