@@ -208,6 +208,13 @@ def test_rendered_faces_are_found_by_a_detector_trained_on_photographs_and_their
 
 
 @pytest.mark.slow
+def test_rendered_heads_are_found_by_the_model_of_this_package_and_are_as_sure_as_said():
+    found, nees = found_and_nees("fhog_head", {"threshold": 1.0})
+    assert found >= 0.7
+    assert 1.5 < nees < 6.0
+
+
+@pytest.mark.slow
 def test_rendered_heads_are_found_by_poschmanns_own_detector_trained_on_photographs(recordings, tmp_path):
     model = read_poschmann_model(recordings / "head_svm_reference" / "svm-frontal-fhog6-4x10")
     model.save(tmp_path / "heads.npz")
