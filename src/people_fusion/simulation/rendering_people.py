@@ -111,13 +111,13 @@ def stand(head: np.ndarray, heading: float, gaze: float, legs: np.ndarray, look:
     ahead = (legs[:, :2].mean(axis=0) - head[:2]) @ body[:2, 0]
     sitting = float(np.clip((ahead - SITS_M[0]) / (SITS_M[1] - SITS_M[0]), 0.0, 1.0))
     for side, leg in zip((1.0, -1.0), legs):
-        shoulder = head + body @ np.array([-0.035, side * (wide - 0.02), -0.285])
+        shoulder = head + body @ np.array([-0.035, side * (wide - 0.03), -0.295])
         elbow = head + body @ np.array([-0.06 + 0.05 * sitting, side * (wide + 0.05), -0.53])
         hand = head + body @ np.array([0.04 + 0.2 * sitting, side * (wide + 0.04), -0.76 + 0.14 * sitting])
-        solids.add(shoulder, body, np.zeros(3), np.array([0.058, 0.058, 0.062]), SHIRT)
-        solids.limb(shoulder, elbow, 0.05, SHIRT)
+        solids.add(shoulder, body, np.zeros(3), np.array([0.058, 0.05, 0.075]), SHIRT)
+        solids.limb(shoulder, elbow, 0.054, SHIRT)
         solids.limb(elbow, hand, 0.04, SHIRT)
-        solids.add(hand, body, np.zeros(3), np.array([0.045, 0.03, 0.055]), SKIN)
+        solids.add(hand, body, np.zeros(3), np.array([0.042, 0.02, 0.065]), SKIN)
         hip = hips + body @ np.array([0.0, side * 0.085, -0.03])
         upright = leg + (leg - hip) * (leg[2] - 0.05) / max(hip[2] - leg[2], 0.1)
         foot = sitting * np.array([leg[0], leg[1], 0.05]) + (1.0 - sitting) * upright
@@ -171,7 +171,7 @@ class _Collector:
         x = along / max(length, 1e-6)
         y = np.cross(x, [0.0, 0.0, 1.0] if abs(x[2]) < 0.9 else [1.0, 0.0, 0.0])
         y /= np.linalg.norm(y)
-        axes = np.array([0.5 * length + 0.6 * radius, radius, radius])
+        axes = np.array([0.5 * length + radius, radius, radius])
         turn = np.column_stack([x, y, np.cross(x, y)])
         self._rows.append((0.5 * (start + end), turn.T / axes[:, None], material))
 
