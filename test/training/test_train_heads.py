@@ -26,7 +26,9 @@ from people_fusion.training.head_learning import (
 from people_fusion.training.head_peers import faces
 from people_fusion.training.head_sources import Photograph, squares
 from people_fusion.training.head_trials import (
+    MODELS,
     HeadRecipeConfig,
+    Split,
     calibrated,
     cross_validated,
     lamr,
@@ -196,6 +198,19 @@ def test_faces_become_heads(images):
     boxes = faces(Faces(), images, ["head"], 40.0)
     for image, found_here in zip(images, boxes):
         np.testing.assert_allclose(found_here.corners, squares(image.boxes), atol=1e-6)
+
+
+def test_tables_of_the_thesis_have_its_rows_and_columns(images):
+    recipe = parse(HeadRecipeConfig, {"folds": 2, "learning": {"rounds": 0, "penalty": 0.1}})
+    told = []
+    split = Split(images, recipe, lambda: told.append(1))
+    rounds = split.bootstrapping(rounds=1, seeds=2)
+    assert [row[0] for row in rounds.rows] == ["0", "1"] and len(rounds.header) == 7
+    classes = split.training_classes()
+    assert [row[0] for row in classes.rows] == ["head", "helmet", "head + helmet"]
+    assert len(split.feature_types().rows) == 10 and len(split.window_sizes().rows) == 12
+    assert [row[0] for row in split.features_and_classes().rows][4] == "FHOG6 4x8"
+    assert len(told) == MODELS
 
 
 @pytest.fixture
