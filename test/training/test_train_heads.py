@@ -11,7 +11,7 @@ from people_fusion.core.errors import ConfigError, DataError
 from people_fusion.cues.heads.boxes import Boxes, overlaps
 from people_fusion.cues.heads.fhog import FhogConfig, fhog
 from people_fusion.cues.heads.head_model import HeadModel, HeadWindow, load_head_model
-from people_fusion.cues.heads.pyramid import window_features
+from people_fusion.cues.heads.pyramid import detect, window_features
 from people_fusion.training.head_learning import (
     LearningConfig,
     Mirror,
@@ -24,7 +24,7 @@ from people_fusion.training.head_learning import (
     random_negatives,
 )
 from people_fusion.training.head_peers import faces
-from people_fusion.training.head_sources import Photograph, squares
+from people_fusion.training.head_sources import Photograph, photographs, squares
 from people_fusion.training.head_trials import (
     MODELS,
     HeadRecipeConfig,
@@ -278,3 +278,18 @@ def test_shipped_models_were_made_by_the_shipped_recipes(checkout, name):
     assert isinstance(model, HeadModel) and model.window == recipe.window.window()
     assert SimpleNamespace(**model.provenance).recipe["learning"]["penalty"] == recipe.learning.penalty
     assert model.provenance["log_average_miss_rates"]["bare"] < 0.6
+
+
+@pytest.mark.parametrize("name", ["heads", "heads_accurate"])
+def test_shipped_models_find_most_heads_of_some_photographs_and_little_else(recordings, checkout, name):
+    """These they have been learned from: it is the way from the file to the boxes that is tested."""
+    recipe = load_recipe(checkout / f"config/training/{name}.yaml")
+    some = photographs(recordings / recipe.photographs, recipe.largest_side, recipe.leave_out)[:40]
+    model = load_head_model(checkout / f"config/models/{name}.npz")
+    boxes = [detect(model, image.grey, recipe.least, float(image.grey.shape[0]), -0.5) for image in some]
+    result = matches(some, boxes, targets(recipe.least)[0])
+    assert result.considered > 20
+    assert result.true.sum() > 0.7 * result.considered
+    assert (~result.true).sum() < 0.5 * len(some)
+    half = (result.scores > -0.5) & (result.scores < 0.5)
+    assert 0.2 < result.true[half].mean() < 0.98
