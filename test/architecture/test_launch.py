@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from people_fusion.ros.composed_node import ComposedSettings
+from people_fusion.ros.head_cue_node import HeadCueSettings
 from people_fusion.ros.leg_cue_node import LegCueSettings
 from people_fusion.ros.node import read_parameters
 from people_fusion.ros.people_tracker_node import PeopleTrackerSettings
@@ -28,6 +29,15 @@ LAUNCHES: Dict[str, List[str]] = {
     "people_fusion.launch preset:=leg_mht": ["/leg_cue_front", "/people_tracker"],
     "people_fusion.launch preset:=kalman_over_legs": ["/leg_cue_front", "/people_tracker"],
     "people_fusion.launch composed:=true rviz:=true": ["/people_fusion", "/rviz"],
+    "people_fusion.launch preset:=poschmann_t1_l1_h1 cameras:=[/panorama/image_raw]": [
+        "/head_cue",
+        "/leg_cue_front",
+        "/people_tracker",
+    ],
+    "people_fusion.launch preset:=volkhardt_cameras composed:=true cameras:=[/camera/image_raw]": [
+        "/head_cue",
+        "/people_fusion",
+    ],
     "scitos.launch": ["/people_fusion"],
     "scitos.launch preset:=volkhardt compatible:=strands composed:=false": ["/leg_cue_front", "/people_tracker"],
     f"replay.launch {BAG}": ["/leg_cue_front", "/leg_cue_rear", "/people_tracker", "/player", "/rviz"],
@@ -35,6 +45,7 @@ LAUNCHES: Dict[str, List[str]] = {
 }
 
 SETTINGS = {
+    "/head_cue": HeadCueSettings,
     "/leg_cue_front": LegCueSettings,
     "/leg_cue_rear": LegCueSettings,
     "/people_tracker": PeopleTrackerSettings,

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import sys
 import unittest
-from typing import Any, Dict
+from typing import Any, Dict, Set
 
 import rospy
 import rostest
@@ -21,6 +21,7 @@ from people_fusion.msg import DetectedPersons, TrackedPersons
 NEAR, FAR = (2.0, 0.0), (0.0, 40.0)  # the second is out of sight
 TOPICS: Dict[str, Any] = {
     "/people_fusion/tracks": TrackedPersons,
+    "/people_fusion/hypotheses": TrackedPersons,
     "/people_fusion/poses": PoseArray,
     "/people_fusion/markers": MarkerArray,
     "/people_fusion/detections": DetectedPersons,
@@ -35,10 +36,14 @@ class Outputs(unittest.TestCase):
     def setUp(self) -> None:
         self.newest: Dict[str, Any] = {}
         self.shown: Dict[Any, bool] = {}
+        self.supposed: Set[Any] = set()  # stamps with somebody
+        self.sure: Set[Any] = set()
         self._scans = rospy.Publisher("/scan", LaserScan, queue_size=10)
         for topic, kind in TOPICS.items():
             rospy.Subscriber(topic, kind, lambda message, topic=topic: self.newest.update({topic: message}))
         rospy.Subscriber("/people_fusion/markers", MarkerArray, self._on_markers, queue_size=100)
+        rospy.Subscriber("/people_fusion/hypotheses", TrackedPersons, lambda m: self._note(m, self.supposed))
+        rospy.Subscriber("/people_fusion/tracks", TrackedPersons, lambda m: self._note(m, self.sure))
         wait_for_subscribers("/scan", "/people_fusion")
 
     def test_person_is_published_everywhere_and_removed_when_gone(self) -> None:
@@ -49,8 +54,14 @@ class Outputs(unittest.TestCase):
         self.assertEqual(len(self.newest["/people_tracker/pose_array"].poses), 1)
         self.assertEqual(len(self.newest["/people_fusion/poses"].poses), 1)
         self._scan_until(lambda: "body" in {name for name, _ in self.shown}, "a body", *NEAR)
+        self.assertLess(min(self.supposed), min(self.sure))
         self._scan_until(lambda: not self.newest["/people_fusion/tracks"].tracks, "the track to end", *FAR)
         self._scan_until(lambda: not self.shown, "the markers to go", *FAR)
+
+    @staticmethod
+    def _note(message: Any, stamps: Set[Any]) -> None:
+        if message.tracks:
+            stamps.add(message.header.stamp)
 
     def _scan_until(self, condition: Any, what: str, x: float, y: float) -> None:
         def scanned() -> Any:

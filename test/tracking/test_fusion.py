@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from people_fusion.core.errors import ConfigError
+from people_fusion.core.measurements import Announcement
 from people_fusion.core.poses import Pose
 from people_fusion.core.tracks import NOBODY, Legs, Tracks
 from people_fusion.core.transforms import TransformSource, UncertainTransform
@@ -109,3 +110,21 @@ def test_presets_load(preset):
 def test_bad_parameters_are_refused_by_their_path(overrides, path):
     with pytest.raises(ConfigError, match=path):
         load_config("default", overrides)
+
+
+def test_modalities_that_are_not_heeded_withdraw_what_was_announced(detect):
+    config = load_config(overrides={"modalities": ["head"], "buffer": {"type": "announced"}, "localisation": "none"})
+
+    class Standing(TransformSource):
+        def lookup(self, target_frame, source_frame, stamp_ns):  # noqa: ARG002
+            return Pose.from_xy_yaw(0.0, 0.0, 0.0)
+
+    fusion = Fusion(config, Standing())
+    legs, head, newer = (
+        dataclasses.replace(detect(stamp_s, (2.0, 0.0), cue=modality), modality=modality)
+        for stamp_s, modality in ((1.0, "legs"), (1.1, "head"), (1.2, "legs"))
+    )
+    for each in (legs, head, newer):
+        fusion.push(Announcement(each.stamp_ns, each.cue, each.sequence), each.stamp_ns)
+    assert not fusion.push(head, newer.stamp_ns)  # the legs come first
+    assert [each.cue for each in fusion.push(legs, newer.stamp_ns)] == ["head"]

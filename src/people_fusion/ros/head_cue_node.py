@@ -86,8 +86,8 @@ class HeadCues(Cues):
             kind = CompressedImage if topic != base else ImageMsg
             node.subscribe(info, CameraInfo, self._on_camera(topic), 1)
             node.subscribe(topic, kind, self._on_image(topic), 1, IMAGE_BUFFER)
-        if any(getattr(cue, "full_every", 1) > 1 for cue in config.head_cues.values()):
-            node.subscribe(topics.TRACKS, TrackedPersons, self._on_tracks, 1)
+        if any(getattr(cue, "full_every", 1) != 1 for cue in config.head_cues.values()):
+            node.subscribe(topics.HYPOTHESES, TrackedPersons, self._on_tracks, 1)
         node.diagnostics.add_losses(lambda: {BUSY: self._skipped})
         threading.Thread(target=self._work, name="head cues", daemon=True).start()
 

@@ -43,6 +43,7 @@ class TrackOutputs:
         self._source, self._base = source, frames.base
         self._markers = TrackMarkers(on_legs=with_legs)
         self._publishers: List[Tuple[Any, Callable[[Tracks], Any]]] = []
+        self._hypotheses = rospy.Publisher(topics.HYPOTHESES, TrackedPersons, queue_size=QUEUE, tcp_nodelay=True)
         self._marker_publishers = [rospy.Publisher(topics.MARKERS, MarkerArray, queue_size=QUEUE)]
         self._preview: Optional[Any] = None
         if revisable:
@@ -65,13 +66,15 @@ class TrackOutputs:
             self._marker_publishers.append(rospy.Publisher(topics.STRANDS_MARKERS, MarkerArray, queue_size=QUEUE))
 
     def publish(self, tracks: Tracks) -> None:
-        """Publish tracks; those that are not confirmed are seen in rviz alone."""
+        """Publish tracks; those that are not confirmed are for rviz and for cues alone."""
         confirmed = tracks.select(tracks.confirmed)
         for publisher, convert in self._publishers:
             if publisher.get_num_connections():
                 message = convert(confirmed)
                 if message is not None:
                     publisher.publish(message)
+        if self._hypotheses.get_num_connections():
+            self._hypotheses.publish(tracks_to_msg(tracks))
         watched = [publisher for publisher in self._marker_publishers if publisher.get_num_connections()]
         if watched:
             markers = self._markers.update(tracks)

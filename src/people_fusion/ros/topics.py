@@ -19,6 +19,7 @@ DEBUG = "people_fusion/debug"  # and the name of a head cue: sensor_msgs/Image w
 
 # From the tracker.
 TRACKS = "people_fusion/tracks"  # people_fusion/TrackedPersons
+HYPOTHESES = "people_fusion/hypotheses"  # people_fusion/TrackedPersons, unconfirmed ones, too: where cues look
 PREVIEW = "people_fusion/tracks_preview"  # people_fusion/TrackedPersons, to be revised; policy `revisable` alone
 POSES = "people_fusion/poses"  # geometry_msgs/PoseArray
 MARKERS = "people_fusion/markers"  # visualization_msgs/MarkerArray

@@ -56,6 +56,7 @@ class FusionConfig:
     panoramas: Dict[str, PanoramaConfig] = parameter({}, "cameras that no CameraInfo describes, by their frame")
     head_cues: Dict[str, object] = components(CUES, "how people are found in an image, by names of your choice")
     buffer: object = component(BUFFERS, ReprocessConfig, "what happens to late measurements")
+    modalities: Tuple[str, ...] = parameter((), "that the tracker heeds, e.g. [face, upper_body]; empty: all")
     tracker: object = component(TRACKERS, KalmanConfig, "the tracker")
 
     def __post_init__(self) -> None:
@@ -125,6 +126,8 @@ class Fusion:
         Raises:
             TransformUnavailable: the measurement is not taken; withdraw its announcement, which is still waited for.
         """
+        if isinstance(item, Measurement) and self.config.modalities and item.modality not in self.config.modalities:
+            item = Announcement(item.stamp_ns, item.cue, item.sequence, withdrawn=True)
         if isinstance(item, Measurement):
             transform = self.transforms.lookup(self.tracking_frame, item.frame_id, item.stamp_ns)
             item = place(item, transform, self.tracking_frame, self.config.localisation)

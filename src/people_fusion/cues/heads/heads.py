@@ -17,7 +17,7 @@ from people_fusion.core.transforms import FramesConfig, TransformSource
 from people_fusion.cues.cue import CUES, Cue, TransformRequest
 from people_fusion.cues.heads.boxes import Boxes
 from people_fusion.cues.heads.detector import DETECTORS, Search
-from people_fusion.cues.heads.detectors.haar import HaarFaceConfig
+from people_fusion.cues.heads.detectors.fhog_head import FhogHeadConfig
 from people_fusion.cues.heads.people import SLACK, Heads, ground_search, heads_of_boxes, search_around
 from people_fusion.cues.periods import Periods
 
@@ -30,15 +30,17 @@ ACCELERATION_STD = 1.0  # of people, m/s^2, until the image
 class HeadCueConfig:
     """How people are found in an image."""
 
-    detector: object = component(DETECTORS, HaarFaceConfig, "what looks for people, or parts of them")
-    min_confidence: float = parameter(0.1, "finds that are less sure are not told", 0.0, 1.0)
+    detector: object = component(DETECTORS, FhogHeadConfig, "what looks for people, or parts of them")
+    min_confidence: float = parameter(0.3, "finds that are less sure are not told", 0.0, 1.0)
     min_range: float = parameter(0.6, "nearest people, along the floor, metres", low=0.1)
     max_range: float = parameter(8.0, "farthest people, along the floor, metres", low=0.2)
     head_heights: Tuple[float, float] = parameter(
         (0.9, 2.1), "of heads over the floor, sitting or standing; what is elsewhere is no person, metres"
     )
     by_ground: bool = parameter(True, "look only where people on the floor may be seen, in their size")
-    full_every: int = parameter(1, "of so many images one is searched whole, the others only around tracks", low=1)
+    full_every: int = parameter(
+        1, "of so many images one is searched whole, the others only around tracks; 0: only around tracks", low=0
+    )
 
     def __post_init__(self) -> None:
         if self.max_range <= self.min_range:
@@ -130,7 +132,8 @@ class HeadCue(Cue):
     def _search(self, image: Image, transforms: TransformSource, rotation: np.ndarray, height: float) -> Search:
         """Where to look: around the tracks, or wherever people on the floor can be seen, or everywhere."""
         config, box = self.config, self._detector.box
-        around = self._around_tracks(image, transforms) if self._since_full + 1 < config.full_every else None
+        only_tracks = config.full_every == 0 or self._since_full + 1 < config.full_every
+        around = self._around_tracks(image, transforms) if only_tracks else None
         if around is not None:
             self._since_full += 1
             return around

@@ -17,13 +17,13 @@ class CappedConfig:
     """The paper gives eq. 3 but no constants; these are ours."""
 
     gains: Dict[str, float] = parameter(
-        {"legs": 0.1, "face": 0.5, "upper_body": 0.4, "head": 0.5, "motion": 0.2},
+        {"legs": 0.1, "face": 0.5, "upper_body": 0.4, "head": 0.5, "body": 0.4, "motion": 0.2},
         "c_d by modality: confidence of a detection",
         low=0.0,
         high=1.0,
     )
     caps: Dict[str, float] = parameter(
-        {"legs": 0.5, "face": 0.6, "upper_body": 0.6, "head": 0.6, "motion": 0.3},
+        {"legs": 0.5, "face": 0.6, "upper_body": 0.6, "head": 0.6, "body": 0.6, "motion": 0.3},
         "most that one modality can add to a track's confidence",
         low=0.0,
         high=1.0,
