@@ -201,6 +201,15 @@ def test_of_so_many_images_one_is_searched_whole_the_others_where_tracks_have_go
     assert full == [False, False, True, False, False, True]
 
 
+def test_a_cue_that_never_searches_whole_images_looks_nowhere_where_nobody_is_tracked():
+    sparing = cue(full_every=0)
+    for step in range(3):
+        now = 5 * SECOND + step * SECOND // 10
+        sparing.set_tracks(tracks(now, np.zeros((0, 5))))
+        sparing.measure(image(now), Mast())
+        assert len(sparing._detector.searches[-1].corners) == 0
+
+
 def test_without_tracks_every_image_is_searched_whole():
     sparing = cue(full_every=5)
     sparing.measure(image(), Mast())
@@ -225,6 +234,20 @@ def test_of_overlapping_boxes_the_best_is_left_even_across_a_panoramas_seam():
     boxes = Boxes(corners, np.array([1.0, 2.0, 3.0, 0.5]), np.ones(4))
     assert best_of_overlapping(boxes, 0.3).tolist() == [2, 1, 3]
     assert best_of_overlapping(boxes, 0.3, 100.0).tolist() == [2, 3]
+
+
+def test_what_lies_within_a_better_larger_box_is_part_of_it_even_across_a_panoramas_seam():
+    head, face, beside, ear = [0.0, 0.0, 40.0, 40.0], [5.0, 15.0, 25.0, 35.0], [28.0, 0.0, 48.0, 20.0], [99, 10, 109, 20]
+    boxes = Boxes(np.array([head, face, beside, ear]), np.array([3.0, 2.0, 1.0, 0.5]), np.ones(4))
+    assert best_of_overlapping(boxes, 0.3).tolist() == [0, 1, 2, 3]
+    assert best_of_overlapping(boxes, 0.3, inside=0.5).tolist() == [0, 3]
+    assert best_of_overlapping(boxes, 0.3, 100.0, inside=0.5).tolist() == [0]
+    assert best_of_overlapping(boxes, 0.3, inside=0.7).tolist() == [0, 2, 3]
+
+
+def test_a_large_box_around_better_small_ones_stays():
+    heads = np.array([[2.0, 2.0, 12.0, 12.0], [20.0, 2.0, 30.0, 12.0], [0.0, 0.0, 40.0, 40.0]])
+    assert best_of_overlapping(Boxes(heads, np.array([3.0, 2.0, 1.0]), np.ones(3)), 0.3, inside=0.5).tolist() == [0, 1, 2]
 
 
 def test_told_detector_is_a_detector():
