@@ -237,8 +237,9 @@ def test_of_overlapping_boxes_the_best_is_left_even_across_a_panoramas_seam():
 
 
 def test_what_lies_within_a_better_larger_box_is_part_of_it_even_across_a_panoramas_seam():
-    head, face, beside, ear = [0.0, 0.0, 40.0, 40.0], [5.0, 15.0, 25.0, 35.0], [28.0, 0.0, 48.0, 20.0], [99, 10, 109, 20]
-    boxes = Boxes(np.array([head, face, beside, ear]), np.array([3.0, 2.0, 1.0, 0.5]), np.ones(4))
+    head, face, beside = [0.0, 0.0, 40.0, 40.0], [5.0, 15.0, 25.0, 35.0], [28.0, 0.0, 48.0, 20.0]
+    beyond = [99.0, 10.0, 109.0, 20.0]
+    boxes = Boxes(np.array([head, face, beside, beyond]), np.array([3.0, 2.0, 1.0, 0.5]), np.ones(4))
     assert best_of_overlapping(boxes, 0.3).tolist() == [0, 1, 2, 3]
     assert best_of_overlapping(boxes, 0.3, inside=0.5).tolist() == [0, 3]
     assert best_of_overlapping(boxes, 0.3, 100.0, inside=0.5).tolist() == [0]
@@ -246,8 +247,9 @@ def test_what_lies_within_a_better_larger_box_is_part_of_it_even_across_a_panora
 
 
 def test_a_large_box_around_better_small_ones_stays():
-    heads = np.array([[2.0, 2.0, 12.0, 12.0], [20.0, 2.0, 30.0, 12.0], [0.0, 0.0, 40.0, 40.0]])
-    assert best_of_overlapping(Boxes(heads, np.array([3.0, 2.0, 1.0]), np.ones(3)), 0.3, inside=0.5).tolist() == [0, 1, 2]
+    corners = np.array([[2.0, 2.0, 12.0, 12.0], [20.0, 2.0, 30.0, 12.0], [0.0, 0.0, 40.0, 40.0]])
+    boxes = Boxes(corners, np.array([3.0, 2.0, 1.0]), np.ones(3))
+    assert best_of_overlapping(boxes, 0.3, inside=0.5).tolist() == [0, 1, 2]
 
 
 def test_told_detector_is_a_detector():

@@ -47,27 +47,44 @@ class Boxes(NamedTuple):
 
 def overlaps(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """(N, M) intersection over union of boxes (N, 4) and (M, 4); 0 where both are empty."""
-    low = np.maximum(first[:, None, :2], second[None, :, :2])
-    high = np.minimum(first[:, None, 2:], second[None, :, 2:])
-    shared = np.clip(high - low, 0.0, None).prod(axis=2)
-    areas = [np.clip(boxes[:, 2:] - boxes[:, :2], 0.0, None).prod(axis=1) for boxes in (first, second)]
+    shared, areas = _shared(first, second), [_areas(boxes) for boxes in (first, second)]
     union = areas[0][:, None] + areas[1][None, :] - shared
     return np.divide(shared, union, out=np.zeros_like(shared), where=union > 0.0)
 
 
-def best_of_overlapping(boxes: Boxes, overlap: float, period: float = 0.0) -> np.ndarray:
+def parts_of(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(N, M) share of boxes (N, 4) that lies within boxes (M, 4) that are no smaller; 0 within those that are."""
+    shared, areas = _shared(first, second), [_areas(boxes) for boxes in (first, second)]
+    smaller = (areas[0][:, None] <= areas[1][None, :]) & (areas[0][:, None] > 0.0)
+    return np.divide(shared, areas[0][:, None], out=np.zeros_like(shared), where=smaller)
+
+
+def best_of_overlapping(boxes: Boxes, overlap: float, period: float = 0.0, inside: float = 1.0) -> np.ndarray:
     """Indices of the boxes that no better one overlaps by more than `overlap`, the best first; of equals the first.
 
     Args:
         boxes: N boxes.
         overlap: intersection over union.
         period: width of a panorama that wraps, pixels; 0: none.
+        inside: a box of which a larger share lies within a better one that is no smaller goes, too; 1: none.
     """
-    shared = overlaps(boxes.corners, boxes.corners)
-    for turn in (-period, period) if period else ():
-        shared = np.maximum(shared, overlaps(boxes.corners, boxes.corners + [turn, 0.0, turn, 0.0]))
+    covered = np.zeros((len(boxes.scores),) * 2, dtype=bool)
+    for turn in (0.0, -period, period) if period else (0.0,):
+        others = boxes.corners + [turn, 0.0, turn, 0.0]
+        covered |= (overlaps(boxes.corners, others) > overlap) | (parts_of(boxes.corners, others) > inside)
     best: List[int] = []
     for row in np.argsort(-boxes.scores, kind="stable").tolist():
-        if not (shared[row, best] > overlap).any():
+        if not covered[row, best].any():
             best.append(row)
     return np.array(best, dtype=int)
+
+
+def _shared(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(N, M) area."""
+    low = np.maximum(first[:, None, :2], second[None, :, :2])
+    high = np.minimum(first[:, None, 2:], second[None, :, 2:])
+    return np.asarray(np.clip(high - low, 0.0, None).prod(axis=2))
+
+
+def _areas(boxes: np.ndarray) -> np.ndarray:
+    return np.asarray(np.clip(boxes[:, 2:] - boxes[:, :2], 0.0, None).prod(axis=1))

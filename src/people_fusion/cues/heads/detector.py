@@ -113,20 +113,24 @@ def crops(image: Image, search: Search, window: float = 1.0, octaves: float = OC
             yield Crop(np.ascontiguousarray(grey), int(left), int(top), heights)
 
 
-def gathered(finds: Sequence[Boxes], image: Image, search: Search, overlap: float) -> Boxes:
+def gathered(
+    finds: Sequence[Boxes], image: Image, search: Search, overlap: float, inside: float = 1.0
+) -> Boxes:
     """The finds of all pieces, in the image's pixels: those that are wanted, and of those that overlap the best.
 
     Args:
         finds: with corners in the image's pixels.
         image, search: as given to `Detector.detect`.
         overlap: intersection over union from which two boxes hold the same.
+        inside: share of a smaller box within a larger one from which it holds but a part of that.
     """
     boxes = Boxes(*(np.concatenate(columns) for columns in zip(Boxes.none(), *finds)))
     if image.camera.wraps:
         turns = np.floor(0.5 * (boxes.corners[:, 0] + boxes.corners[:, 2]) / image.camera.width) * image.camera.width
         boxes = boxes._replace(corners=boxes.corners - turns[:, None] * [1.0, 0.0, 1.0, 0.0])
     boxes = boxes.take(search.wanted(boxes.corners))
-    return boxes.take(best_of_overlapping(boxes, overlap, image.camera.width if image.camera.wraps else 0))
+    period = image.camera.width if image.camera.wraps else 0
+    return boxes.take(best_of_overlapping(boxes, overlap, period, inside))
 
 
 class Detector(abc.ABC):

@@ -16,15 +16,20 @@ from people_fusion.cues.heads.head_model import load_head_model
 from people_fusion.cues.heads.native import Scorer, is_native
 from people_fusion.cues.heads.pyramid import LAYERS, OVERLAP, best, candidates, refined, searched_pyramid
 
+INSIDE = 0.5  # of a find within a better, larger one: a face, an ear, not another head
+
 
 @dataclass(frozen=True)
 class FhogHeadConfig:
     """Heads, whole, from all sides that the model was trained on."""
 
     model: str = parameter("heads", "of config/models, or an npz file that train_heads wrote")
-    threshold: float = parameter(0.0, "of scores; 0 is as likely a head as not", -10.0, 10.0)
+    threshold: float = parameter(-0.25, "of scores; 0 is as likely a head as not", -10.0, 10.0)
     layers: int = parameter(LAYERS, "scales an octave; more find sizes between at more cost", 1, 16)
-    box: BoxConfig = section(lambda: BoxConfig(height=0.24, height_std=0.025), "what a box holds")
+    box: BoxConfig = section(
+        lambda: BoxConfig(height=0.24, height_std=0.03, head_above=-0.01, head_above_std=0.015, across_std=0.012),
+        "what a box holds",
+    )
 
 
 @DETECTORS.register("fhog_head", FhogHeadConfig)
@@ -61,4 +66,4 @@ class FhogHead(Detector):
         if not image.camera.wraps:
             corners[:, [0, 2]] = np.clip(corners[:, [0, 2]], 0.0, cols)
         finds = Boxes(corners, windows.scores.astype(float), self.model.confidences(windows.scores))
-        return gathered([finds], image, search, OVERLAP)
+        return gathered([finds], image, search, OVERLAP, INSIDE)

@@ -17,7 +17,8 @@ from people_fusion.cues.heads.detector import DETECTORS, Crop, Detector, Search,
 OVERLAP = 0.3
 SIMILAR = 0.2  # of their size, by which windows differ that agree; OpenCV's own
 NO_WINDOWS = np.zeros((0, 4), dtype=int)
-# What boxes hold is calibrated on rendered people (benchmarks/calibrate_boxes.py) and agrees with photographs.
+# What boxes hold is measured on rendered people (benchmarks/calibrate_boxes.py); it varies as on photographs, where
+# people differ more.
 DEBIAN = ("/usr/share/opencv4/haarcascades", "/usr/share/opencv/haarcascades", "/usr/local/share/opencv4/haarcascades")
 
 
@@ -30,7 +31,7 @@ class HaarFaceConfig:
     neighbours: int = parameter(3, "windows that must agree", low=0)
     confidence: float = parameter(0.8, "of a find that so many agree on; more make it surer", 0.0, 1.0)
     box: BoxConfig = section(
-        lambda: BoxConfig(height=0.19, height_std=0.016, head_above=0.014, head_above_std=0.009, across_std=0.024),
+        lambda: BoxConfig(height=0.19, height_std=0.025, head_above=0.014, head_above_std=0.009, across_std=0.024),
         "what a box holds",
     )
 
@@ -44,7 +45,7 @@ class HaarProfileConfig:
     neighbours: int = parameter(3, "windows that must agree", low=0)
     confidence: float = parameter(0.7, "of a find that so many agree on; more make it surer", 0.0, 1.0)
     box: BoxConfig = section(
-        lambda: BoxConfig(height=0.217, height_std=0.02, head_above=0.01, head_above_std=0.01, across_std=0.021),
+        lambda: BoxConfig(height=0.217, height_std=0.03, head_above=0.01, head_above_std=0.01, across_std=0.021),
         "what a box holds",
     )
 
@@ -58,7 +59,7 @@ class HaarUpperBodyConfig:
     neighbours: int = parameter(3, "windows that must agree", low=0)
     confidence: float = parameter(0.7, "of a find that so many agree on; more make it surer", 0.0, 1.0)
     box: BoxConfig = section(
-        lambda: BoxConfig(height=0.61, height_std=0.1, head_above=0.09, head_above_std=0.045, across_std=0.045),
+        lambda: BoxConfig(height=0.61, height_std=0.12, head_above=0.09, head_above_std=0.045, across_std=0.045),
         "what a box holds",
     )
 
