@@ -17,6 +17,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from tf2_msgs.msg import TFMessage
 
 from people_fusion.core.stamps import to_seconds
+from people_fusion.cues.heads.native import is_native
 from people_fusion.msg import DetectedPersons, MeasurementAnnouncement
 from people_fusion.ros.conversions import stamp_from_msg
 from people_fusion.ros.head_cue_node import BUSY
@@ -101,6 +102,9 @@ class HeadCue(unittest.TestCase):
         wait_until(lambda: looks, "the debug image")
         self.assertEqual((looks[0].height, looks[0].width, looks[0].encoding), (*SHAPE[:2], "bgr8"))
         listener.unregister()
+
+    def test_whether_the_native_kernel_is_there_is_told(self) -> None:
+        wait_until(lambda: self.diagnostics.value(NODE, "native kernel") == str(is_native()), "the fact")
 
     def lost(self, reason: str) -> int:
         return self.diagnostics.count(NODE, f"lost: {reason}")

@@ -20,8 +20,10 @@ from people_fusion.core.images import Image
 from people_fusion.core.measurements import Announcement
 from people_fusion.core.waiting import WaitingRoom
 from people_fusion.cues.cue import CUES, Cue
+from people_fusion.cues.heads.detectors.fhog_head import FhogHeadConfig
 from people_fusion.cues.heads.drawing import annotated
 from people_fusion.cues.heads.heads import HeadCue
+from people_fusion.cues.heads.native import is_native
 from people_fusion.msg import TrackedPersons
 from people_fusion.ros import topics
 from people_fusion.ros.conversions import frame_from_msg, stamp_from_msg, tracks_from_msg
@@ -89,6 +91,10 @@ class HeadCues(Cues):
         if any(getattr(cue, "full_every", 1) != 1 for cue in config.head_cues.values()):
             node.subscribe(topics.HYPOTHESES, TrackedPersons, self._on_tracks, 1)
         node.diagnostics.add_losses(lambda: {BUSY: self._skipped})
+        node.diagnostics.add_facts(lambda: {"native kernel": is_native()})
+        detectors = [getattr(each, "detector", None) for each in config.head_cues.values()]
+        if not is_native() and any(isinstance(each, FhogHeadConfig) for each in detectors):
+            rospy.logwarn("the native kernel is not built: fhog_head takes many times as long")
         threading.Thread(target=self._work, name="head cues", daemon=True).start()
 
     def serve(self) -> None:
