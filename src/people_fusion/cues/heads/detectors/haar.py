@@ -31,7 +31,7 @@ class HaarFaceConfig:
     neighbours: int = parameter(3, "windows that must agree", low=0)
     confidence: float = parameter(0.8, "of a find that so many agree on; more make it surer", 0.0, 1.0)
     box: BoxConfig = section(
-        lambda: BoxConfig(height=0.19, height_std=0.025, head_above=0.014, head_above_std=0.009, across_std=0.024),
+        lambda: BoxConfig(height=0.19, height_std=0.022, head_above=0.014, head_above_std=0.009, across_std=0.024),
         "what a box holds",
     )
 
