@@ -12,6 +12,7 @@ from people_fusion.core.errors import RecordingError
 from people_fusion.evaluation.evaluate import Scores
 from people_fusion.evaluation.report import report, write_report
 from people_fusion.evaluation.tables import UNDEFINED, Table, score_table
+from people_fusion.replay.replay_bag import overrides
 from people_fusion.replay.results import guarded, write_json
 from people_fusion.simulation.trials import replay_all, summed, trials
 from people_fusion.tracking.fusion import load_config
@@ -37,7 +38,7 @@ def run(options: argparse.Namespace, notes: Console) -> None:
     Raises:
         PeopleFusionError: a scenario, preset, number or file is not usable.
     """
-    presets = {preset: load_config(preset) for preset in options.presets}
+    presets = {preset: load_config(preset, overrides(options.set)) for preset in options.presets}
     entries = trials(options.scenarios, options.seeds, options.duration)
     scores = summed(replay_all(entries, presets, options.jobs, notes))
     table = comparison_table(scores)
@@ -89,6 +90,7 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("--scenarios", nargs="+", default=list(SCENARIOS), metavar="NAME", help=f"default: {' '.join(SCENARIOS)}")
     add("--presets", nargs="+", default=list(PRESETS), metavar="NAME", help=f"or YAML; default: {' '.join(PRESETS)}")
+    add("--set", action="append", default=[], metavar="KEY=VALUE", help="over every preset, e.g. buffer/type=drop")
     add("--seeds", type=int, default=5, metavar="N", help="recordings of each scenario (default %(default)s)")
     add("--duration", type=float, metavar="S", help="seconds, instead of each scenario's")
     add("--jobs", type=int, metavar="N", help="processes at work (default: one for each processor)")
