@@ -27,7 +27,7 @@ class FhogHeadConfig:
     threshold: float = parameter(-0.25, "of scores; 0 is as likely a head as not", -10.0, 10.0)
     layers: int = parameter(LAYERS, "scales an octave; more find sizes between at more cost", 1, 16)
     box: BoxConfig = section(
-        lambda: BoxConfig(height=0.24, height_std=0.03, head_above=-0.01, head_above_std=0.015, across_std=0.012),
+        lambda: BoxConfig(height=0.24, height_std=0.027, head_above=-0.01, head_above_std=0.013, across_std=0.011),
         "what a box holds",
     )
 

@@ -45,7 +45,7 @@ class HaarProfileConfig:
     neighbours: int = parameter(3, "windows that must agree", low=0)
     confidence: float = parameter(0.7, "of a find that so many agree on; more make it surer", 0.0, 1.0)
     box: BoxConfig = section(
-        lambda: BoxConfig(height=0.217, height_std=0.03, head_above=0.01, head_above_std=0.01, across_std=0.021),
+        lambda: BoxConfig(height=0.217, height_std=0.025, head_above=0.01, head_above_std=0.01, across_std=0.021),
         "what a box holds",
     )
 
@@ -59,7 +59,7 @@ class HaarUpperBodyConfig:
     neighbours: int = parameter(3, "windows that must agree", low=0)
     confidence: float = parameter(0.7, "of a find that so many agree on; more make it surer", 0.0, 1.0)
     box: BoxConfig = section(
-        lambda: BoxConfig(height=0.61, height_std=0.12, head_above=0.09, head_above_std=0.045, across_std=0.045),
+        lambda: BoxConfig(height=0.61, height_std=0.11, head_above=0.09, head_above_std=0.045, across_std=0.045),
         "what a box holds",
     )
 
