@@ -210,6 +210,14 @@ def test_a_cue_that_never_searches_whole_images_looks_nowhere_where_nobody_is_tr
         assert len(sparing._detector.searches[-1].corners) == 0
 
 
+def test_so_many_images_a_second_are_wanted_and_no_more():
+    stamps = [5 * SECOND + step * SECOND // 9 for step in range(18)]
+    assert all(cue().wants(stamp) for stamp in stamps)
+    sparing = cue(max_rate=3.0)
+    assert [sparing.wants(stamp) for stamp in stamps] == 6 * [True, False, False]
+    assert sparing.wants(SECOND)  # a recording that begins again
+
+
 def test_without_tracks_every_image_is_searched_whole():
     sparing = cue(full_every=5)
     sparing.measure(image(), Mast())

@@ -44,6 +44,10 @@ class Cue(abc.ABC):
     name: str
     _announced = 0
 
+    def wants(self, stamp_ns: int) -> bool:  # noqa: ARG002
+        """Whether the message of this stamp is to be announced and measured at all; to be asked once."""
+        return True
+
     def announce(self, stamp_ns: int) -> Announcement:
         """The announcement of a sensor message that has just arrived, to be told before any work is done on it.
 

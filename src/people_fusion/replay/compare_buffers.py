@@ -327,6 +327,10 @@ class _Remembering(Cue):
     def __init__(self, cue: Cue, memory: _Memory) -> None:
         self._cue, self._memory, self.name, self.takes = cue, memory, cue.name, cue.takes
 
+    def wants(self, stamp_ns: int) -> bool:
+        """See Cue."""
+        return self._cue.wants(stamp_ns)
+
     def transforms_needed(self, data: Any) -> Tuple[TransformRequest, ...]:
         """See Cue."""
         return self._cue.transforms_needed(data)

@@ -249,7 +249,8 @@ class Session:
             raise DataError("image before its camera_info")
         image = conversions.image(message, self._models[camera.frame_id])
         for cue in cues:
-            self._feed_cue(cue, image, IMAGES)
+            if cue.wants(image.stamp_ns):
+                self._feed_cue(cue, image, IMAGES)
 
     def _feed_cue(self, cue: Cue, data: Union[Scan, Image], kind: str) -> None:
         self._timeline.require(cue.name, data.stamp_ns)

@@ -130,16 +130,19 @@ class HeadCues(Cues):
         def on_image(message: Any) -> None:
             self.node.diagnostics.heard(topic)
             stamp_ns, frame_id = stamp_from_msg(message.header.stamp), message.header.frame_id
-            cues = self._by_topic[topic]
-            for cue in cues:
+            for cue in self._by_topic[topic]:
                 self.node.timeline.require(cue.name, stamp_ns)
+            with self._changed:
+                stale = self._arrived.pop(topic, None)
+            skipped = stale.announcements if stale is not None else {}
+            cues = [cue for cue in self._by_topic[topic] if cue.wants(stamp_ns) or cue.name in skipped]
             announcements = {cue.name: cue.announce(stamp_ns) for cue in cues}
             for announcement in announcements.values():
                 self._announce(announcement, frame_id)
-            with self._changed:
-                stale = self._arrived.pop(topic, None)
-                self._arrived[topic] = _Arrived(topic, message, announcements)
-                self._changed.notify()
+            if cues:
+                with self._changed:
+                    self._arrived[topic] = _Arrived(topic, message, announcements)
+                    self._changed.notify()
             if stale is not None:
                 self._skipped += 1
                 self._give_up(stale)
@@ -169,8 +172,8 @@ class HeadCues(Cues):
             self.node.diagnostics.bad(error.reason, f"{arrived.topic}: {error}")
             self._give_up(arrived)
             return
-        for cue in self._by_topic[arrived.topic]:
-            announcement = arrived.announcements[cue.name]
+        for name, announcement in arrived.announcements.items():
+            cue = self.cues[name]
             waiting = Waiting(cue, announcement, image, cue.transforms_needed(image))
             self.waiting.push(cue.name, image.stamp_ns, waiting, self.node.now_ns())
 

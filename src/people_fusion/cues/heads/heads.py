@@ -12,6 +12,7 @@ from people_fusion.core.errors import ConfigError, TransformUnavailable
 from people_fusion.core.images import Image
 from people_fusion.core.measurements import XYZ_OBSERVED, Measurement
 from people_fusion.core.poses import Pose
+from people_fusion.core.stamps import NANOSECONDS
 from people_fusion.core.tracks import Tracks
 from people_fusion.core.transforms import FramesConfig, TransformSource
 from people_fusion.cues.cue import CUES, Cue, TransformRequest
@@ -22,6 +23,7 @@ from people_fusion.cues.heads.people import SLACK, Heads, ground_search, heads_o
 from people_fusion.cues.periods import Periods
 
 UNKNOWN_PERIOD_S = 0.1
+EARLY = 0.9  # of its period an image may come, and be taken
 AT_REST_M, AT_REST_RAD = 2e-3, 2e-3  # between two images
 ACCELERATION_STD = 1.0  # of people, m/s^2, until the image
 
@@ -41,6 +43,8 @@ class HeadCueConfig:
     full_every: int = parameter(
         1, "of so many images one is searched whole, the others only around tracks; 0: only around tracks", low=0
     )
+
+    max_rate: float = parameter(0.0, "images a second that are looked at, others are passed over; 0: all", low=0.0)
 
     def __post_init__(self) -> None:
         if self.max_range <= self.min_range:
@@ -84,7 +88,16 @@ class HeadCue(Cue):
         self._tracks: Optional[Tracks] = None
         self._last_pose: Optional[Pose] = None
         self._since_full = 0
+        self._taken_ns: Optional[int] = None
         self._sequence = 0
+
+    def wants(self, stamp_ns: int) -> bool:
+        """See Cue."""
+        rate = self.config.max_rate
+        if rate and self._taken_ns is not None and 0 <= stamp_ns - self._taken_ns < EARLY * NANOSECONDS / rate:
+            return False
+        self._taken_ns = stamp_ns
+        return True
 
     def set_tracks(self, tracks: Tracks) -> None:
         """See Cue."""
@@ -94,7 +107,7 @@ class HeadCue(Cue):
         """See Cue."""
         self._periods.reset()
         self._detector.reset()
-        self._tracks = self._last_pose = self.look = None
+        self._tracks = self._last_pose = self._taken_ns = self.look = None
         self._since_full = 0
 
     def transforms_needed(self, data: Image) -> Tuple[TransformRequest, ...]:
