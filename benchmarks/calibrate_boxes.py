@@ -7,8 +7,8 @@ box spans so many metres, its middle is so far below the head, so far to the sid
 are what `box` of the detector's config wants to know. NEES is that of the head in space, on average 3 where covariances
 are right: with the config's box, and with the measured one; beside it the share of heads within the ellipsoid of 95 %.
 
-Recall is that of heads of 40 pixels and more, nine tenths of which are visible: of faces turned away by half a radian
-at most, and of all.
+Recall is that of heads of so many pixels and more, nine tenths of which are visible: of faces turned away by half a
+radian at most, and of all. With --ground images are searched as the cue does, where people on the floor may be seen.
 """
 
 import os
@@ -17,6 +17,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import argparse
+import dataclasses
 import time
 
 import numpy as np
@@ -27,12 +28,15 @@ from people_fusion.core.errors import PeopleFusionError
 from people_fusion.core.images import Image
 from people_fusion.cues.heads.boxes import BoxConfig
 from people_fusion.cues.heads.detector import DETECTORS, Search
-from people_fusion.cues.heads.people import heads_of_boxes
-from people_fusion.simulation.scenario import ScenarioConfig
-from people_fusion.simulation.simulator import Simulation
+from people_fusion.cues.heads.heads import HeadCueConfig
+from people_fusion.cues.heads.people import ground_search, heads_of_boxes
+from people_fusion.simulation.scenario import ScenarioConfig, load_scenario
+from people_fusion.simulation.simulator import BASE_HEIGHT, Simulation
 
-LARGE, PLAIN, FRONTAL = 40.0, 0.9, 0.5  # pixels, share, radians
+PLAIN, FRONTAL = 0.9, 0.5  # share, radians
 LOOKS = 4  # pictures of the same people, who look about
+MUSEUM = "museum_cameras"
+VISITS, VISIT_S = 15, 3.0  # pictures of one visit to the museum, and the time from one to the next
 RATIOS = (0.4, 12.0)  # of a find's height and the head's
 ELLIPSE = 7.815  # chi-square of 3 degrees of freedom, 95 %
 CAMERAS = {
@@ -67,6 +71,14 @@ def scenario(camera, rng):
 
 def rendered(camera, count, seed):
     """Pairs of picture and simulated camera."""
+    if camera == MUSEUM:
+        for number in range(count):
+            visit, place = divmod(number, VISITS)
+            if not place:
+                scenes = dataclasses.replace(load_scenario(MUSEUM), duration_s=VISITS * VISIT_S + 1.0)
+                simulation = Simulation(scenes, seed + visit)
+            yield simulation.cameras[0].picture(simulation.history, 1.0 + VISIT_S * place, 0), simulation.cameras[0]
+        return
     rng = np.random.default_rng(seed)
     for number in range(-(-count // LOOKS)):
         simulation = Simulation(scenario(camera, rng), seed + number)
@@ -106,14 +118,23 @@ def nees(corners, camera, level, positions, box):
     return np.einsum("ni,nij,nj->n", errors, np.linalg.inv(found.covariances), errors)
 
 
-def measure(name, parameters, pictures):
+def searched(image, config, box, by_ground):
+    """Where to look."""
+    if not by_ground:
+        return Search.everywhere(image, 20.0, float(image.camera.height))
+    cue, height = HeadCueConfig(), config.at[2] + BASE_HEIGHT
+    ranges = (cue.min_range, cue.max_range)
+    return ground_search(image.camera, config.level_from_camera, height, box, cue.head_heights, ranges)
+
+
+def measure(name, parameters, pictures, by_ground, least):
     """Print what one detector makes of the pictures."""
     detector = DETECTORS.build(parse(DETECTORS.config_of(name, name), parameters))
     corners, positions, frontal, everybody, false, busy = [], [], [], [], 0, 0.0
     for picture, simulated in pictures:
         image = Image(0, picture.config.frame, picture.pixels, simulated.camera)
         began = time.process_time()
-        boxes = detector.detect(image, Search.everywhere(image, 20.0, float(simulated.camera.height)))
+        boxes = detector.detect(image, searched(image, picture.config, detector.box, by_ground))
         busy += time.process_time() - began
         order = np.argsort(-boxes.scores, kind="stable")
         boxes = boxes.take(order)
@@ -122,7 +143,7 @@ def measure(name, parameters, pictures):
         rows[again] = -1  # a head is held by the best of its boxes
         false += int((rows < 0).sum())
         tall = picture.heads.corners[:, 3] - picture.heads.corners[:, 1]
-        wanted = (tall >= LARGE) & (picture.heads.visibility >= PLAIN)
+        wanted = (tall >= least) & (picture.heads.visibility >= PLAIN)
         found = np.isin(np.arange(len(tall)), rows)
         everybody.extend(found[wanted])
         frontal.extend(found[wanted & (np.abs(picture.heads.yaws) <= FRONTAL)])
@@ -152,7 +173,9 @@ def main():
     """Entry."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("detectors", nargs="*", default=["haar_face", "haar_upper_body"])
-    parser.add_argument("--camera", choices=sorted(CAMERAS), default="pinhole")
+    parser.add_argument("--camera", choices=sorted([*CAMERAS, MUSEUM]), default="pinhole")
+    parser.add_argument("--ground", action="store_true", help="look where people on the floor may be seen only")
+    parser.add_argument("--least", type=float, default=40.0, help="height of heads that should be found, pixels")
     parser.add_argument("--images", type=int, default=60)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="parameters of all the detectors")
@@ -161,7 +184,7 @@ def main():
     pictures = list(rendered(options.camera, options.images, options.seed))
     for name in options.detectors:
         try:
-            measure(name, parameters, pictures)
+            measure(name, parameters, pictures, options.ground, options.least)
         except PeopleFusionError as error:
             print(f"{name}: {error}")
 
