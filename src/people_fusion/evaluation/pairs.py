@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Optional, Tuple
+from typing import Tuple
 
 import numpy as np
 
-from people_fusion.evaluation.distances import Distance, on_the_floor
 from people_fusion.evaluation.truth import Estimates, Truth
 
 _BLOCK = 50_000  # rows of truth that are paired at once, to bound memory
@@ -20,7 +19,7 @@ class Pairs:
     Attributes:
         truth_rows: (P,) row in `Truth`.
         estimate_rows: (P,) row in `Estimates`.
-        distances: (P,) metres, or as measured.
+        distances: (P,) metres.
         persons: (P,) person, numbered from 0 without gaps.
         tracks: (P,) track, numbered from 0 without gaps.
         person_frames: (person_count,) frames in which each person is annotated.
@@ -36,12 +35,11 @@ class Pairs:
     track_frames: np.ndarray
 
     @staticmethod
-    def within(truth: Truth, estimates: Estimates, reach: float, distance: Optional[Distance] = None) -> Pairs:
-        """All pairs that are at most `reach` apart; in metres on the floor, unless a distance is given."""
-        distance = distance or on_the_floor(truth, estimates)
+    def within(truth: Truth, estimates: Estimates, distance_m: float) -> Pairs:
+        """All pairs that are at most `distance_m` apart in the ground plane."""
         estimate_bounds = estimates.bounds(truth.frame_count)
         blocks = [
-            _near(truth, estimate_bounds, np.arange(start, min(start + _BLOCK, len(truth.ids))), reach, distance)
+            _near(truth, estimates, estimate_bounds, np.arange(start, min(start + _BLOCK, len(truth.ids))), distance_m)
             for start in range(0, max(1, len(truth.ids)), _BLOCK)
         ]
         truth_rows, estimate_rows, distances = (np.concatenate(column) for column in zip(*blocks))
@@ -67,7 +65,7 @@ class Pairs:
 
 
 def _near(
-    truth: Truth, estimate_bounds: np.ndarray, rows: np.ndarray, reach: float, distance: Distance
+    truth: Truth, estimates: Estimates, estimate_bounds: np.ndarray, rows: np.ndarray, distance_m: float
 ) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows of truth and of estimates and distances of the pairs that some rows of truth are part of."""
     frames = truth.frames[rows]
@@ -75,8 +73,9 @@ def _near(
     truth_rows = np.repeat(rows, partners)
     first = np.repeat(estimate_bounds[frames] - np.cumsum(partners) + partners, partners)
     estimate_rows = first + np.arange(len(truth_rows))
-    distances = distance(truth_rows, estimate_rows)
-    near = distances <= reach
+    offsets = truth.points[truth_rows] - estimates.points[estimate_rows]
+    distances = np.hypot(offsets[:, 0], offsets[:, 1])
+    near = distances <= distance_m
     return truth_rows[near], estimate_rows[near], distances[near]
 
 
