@@ -38,6 +38,12 @@ def test_standing_robot_does_not_drift():
     np.testing.assert_array_equal(odometry, 0.0)
 
 
+def test_rounding_of_a_standing_robots_pose_is_no_drift():
+    standing = np.tile([3.1, -2.7, 0.4], (200, 1)) + np.random.default_rng(1).normal(0.0, 1e-16, (200, 3))
+    odometry = drift(standing, DriftConfig(), np.random.default_rng(0))
+    np.testing.assert_array_equal(odometry, 0.0)
+
+
 @pytest.mark.parametrize(("speed", "turn_rate"), [(0.5, 0.0), (0.0, 0.5)])
 def test_drift_has_the_configured_variance(speed, turn_rate):
     config, runs = DriftConfig(), 400

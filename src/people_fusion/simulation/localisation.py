@@ -11,6 +11,8 @@ from people_fusion.core.config import parameter
 from people_fusion.core.transforms import DriftConfig
 from people_fusion.simulation import planar
 
+AT_REST = 1e-9  # metres and radians between two readings
+
 
 @dataclass(frozen=True)
 class AmclConfig:
@@ -46,6 +48,8 @@ def drift(true_poses: np.ndarray, config: DriftConfig, rng: np.random.Generator)
     Errors of the increments are independent; their variances grow with the way (Thrun et al. 2005, 5.4).
     """
     increments = planar.compose(planar.inverse(true_poses[:-1]), true_poses[1:])
+    # A robot that stands moves by rounding alone, which the roots below would make nanometres of.
+    increments[np.abs(increments) < AT_REST] = 0.0
     metres = np.linalg.norm(increments[:, :2], axis=1)
     radians = np.abs(increments[:, 2])
     translation_std = np.sqrt(config.translation_per_metre**2 * metres + config.translation_per_radian**2 * radians)
