@@ -11,7 +11,8 @@ import pytest
 from scenes import random_scene, scene
 
 from people_fusion.evaluation.clear_mot import ClearMot
-from people_fusion.evaluation.evaluate import Scores, evaluate
+from people_fusion.evaluation.distances import in_the_image, on_the_floor
+from people_fusion.evaluation.evaluate import Scores, evaluate, evaluate_in_image
 from people_fusion.evaluation.hota import Hota, hota_scores
 from people_fusion.evaluation.truth import Estimates, Truth
 
@@ -65,7 +66,39 @@ def mot15_scene(folder):
     return truth, linked(detections, reach=0.3)
 
 
-def as_json(truth, estimates, evaluation):
+def boxes_scene(rng, frames=40, people=6):
+    """Boxes of people who cross in an image that does not wrap: truth, estimates, and the distance of their boxes."""
+    truth, estimates = random_scene(rng, frames, people, room_m=3.0)
+
+    def boxes(points):
+        sizes = rng.uniform([0.6, 1.2], [1.0, 2.0], (len(points), 2))
+        return np.concatenate([points - 0.5 * sizes, points + 0.5 * sizes], axis=1)
+
+    return truth, estimates, in_the_image(boxes(truth.points), boxes(estimates.points))
+
+
+def mot15_boxes(folder):
+    """Labelled boxes and detections linked by their feet."""
+    truth, estimates = mot15_scene(folder)
+    people = np.loadtxt(folder / "gt.txt", delimiter=",")
+    detections = np.loadtxt(folder / "det_sort_frcnn.txt", delimiter=",")
+    detections = detections[np.isin(detections[:, 0], people[:, 0])]
+    people, detections = (rows[np.argsort(rows[:, 0], kind="stable"), 2:6] for rows in (people, detections))
+    corners = [np.concatenate([rows[:, :2], rows[:, :2] + rows[:, 2:]], axis=1) for rows in (people, detections)]
+    return truth, estimates, in_the_image(*corners)
+
+
+def mot15_folders():
+    data = Path(os.environ.get("PEOPLE_FUSION_DATA", REPOSITORY.parent / "shared" / "data"))
+    folders = sorted(folder for folder in (data / "mot15_tud").glob("*") if (folder / "gt.txt").exists())
+    if not folders:
+        message = f"MOT15 not evaluated: no {data}/mot15_tud"
+        warnings.warn(message, stacklevel=1)
+        pytest.skip(message)
+    return folders
+
+
+def as_json(truth, estimates, evaluation, distance=None):
     """A sequence for the oracles.
 
     If two people last had the same track, motmetrics lets the one in the upper row keep it; so the rows are sorted by
@@ -74,21 +107,22 @@ def as_json(truth, estimates, evaluation):
     frames, last_match = [], {}
     truth_bounds, estimate_bounds = truth.bounds(), estimates.bounds(truth.frame_count)
     events = evaluation.events
+    zero_distance = 1.0 if distance else 2.0 * evaluation.threshold_m
+    distance = distance or on_the_floor(truth, estimates)
     for frame in range(truth.frame_count):
         people = np.arange(truth_bounds[frame], truth_bounds[frame + 1])
         people = np.array(sorted(people, key=lambda row: -last_match.get(truth.ids[row], -1)), dtype=int)
         tracks = np.arange(estimate_bounds[frame], estimate_bounds[frame + 1])
-        offsets = truth.points[people][:, None] - estimates.points[tracks]
         frames.append(
             {
                 "people": truth.ids[people].tolist(),
                 "tracks": estimates.ids[tracks].tolist(),
-                "distances": np.hypot(offsets[..., 0], offsets[..., 1]).tolist(),
+                "distances": distance(people[:, None], tracks).tolist(),
             }
         )
         for row in events.truth_rows[events.matched & (events.frames == frame)]:
             last_match[truth.ids[row]] = frame
-    return {"threshold": evaluation.threshold_m, "zero_distance": 2 * evaluation.threshold_m, "frames": frames}
+    return {"threshold": evaluation.threshold_m, "zero_distance": zero_distance, "frames": frames}
 
 
 def ask_oracles(sequences):
@@ -114,7 +148,8 @@ def assert_equal_to_motmetrics(ours, theirs):
     assert clear.false_positives == theirs["num_false_positives"]
     assert clear.mismatches == theirs["num_switches"]
     assert clear.transfers == theirs["num_transfer"]
-    pairs = {"mota": "mota", "motp_m": "motp", "recall": "recall", "precision": "precision"}
+    precision = "motp_image" if clear.in_image else "motp_m"
+    pairs = {"mota": "mota", precision: "motp", "recall": "recall", "precision": "precision"}
     pairs.update({"idf1": "idf1", "idp": "idp", "idr": "idr"})
     assert_close({name: scores[name] for name in pairs}, {name: theirs[pairs[name]] for name in pairs})
 
@@ -132,8 +167,9 @@ def assert_close(ours, theirs):
 
 
 def assert_equal_to_both(scenes):
-    evaluations = [evaluate(*entry) for entry in scenes]
-    answers = ask_oracles([as_json(*entry, evaluation) for entry, evaluation in zip(scenes, evaluations)])
+    evaluations = [evaluate_in_image(*entry) if len(entry) == 3 else evaluate(*entry) for entry in scenes]
+    pairs = zip(scenes, evaluations)
+    answers = ask_oracles([as_json(*entry[:2], evaluation, *entry[2:]) for entry, evaluation in pairs])
     for evaluation, answer in zip(evaluations, answers["sequences"]):
         assert_equal_to_motmetrics(evaluation, answer["motmetrics"])
         assert_equal_to_trackeval(evaluation, answer["trackeval"])
@@ -173,13 +209,19 @@ def test_lost_and_found_person_is_a_switch_in_all_three():
 
 
 def test_real_detections_score_as_in_motmetrics_and_trackeval():
-    data = Path(os.environ.get("PEOPLE_FUSION_DATA", REPOSITORY.parent / "shared" / "data"))
-    folders = sorted(folder for folder in (data / "mot15_tud").glob("*") if (folder / "gt.txt").exists())
-    if not folders:
-        message = f"MOT15 not evaluated: no {data}/mot15_tud"
-        warnings.warn(message, stacklevel=1)
-        pytest.skip(message)
-    evaluations, _ = assert_equal_to_both([mot15_scene(folder) for folder in folders])
+    evaluations, _ = assert_equal_to_both([mot15_scene(folder) for folder in mot15_folders()])
+    assert all(evaluation.scores.clear_mot.recall > 0.5 for evaluation in evaluations)
+
+
+def test_boxes_score_as_in_motmetrics_and_trackeval():
+    rng = np.random.default_rng(8)
+    evaluations, _ = assert_equal_to_both([boxes_scene(rng) for _ in range(4)])
+    total = sum((evaluation.scores.clear_mot for evaluation in evaluations), ClearMot())
+    assert min(total.misses, total.false_positives, total.mismatches) > 20
+
+
+def test_real_boxes_score_as_in_motmetrics_and_trackeval():
+    evaluations, _ = assert_equal_to_both([mot15_boxes(folder) for folder in mot15_folders()])
     assert all(evaluation.scores.clear_mot.recall > 0.5 for evaluation in evaluations)
 
 
@@ -188,6 +230,6 @@ def test_similarity_reaches_zero_at_trackevals_distance_if_asked_to():
     evaluation = evaluate(truth, estimates)
     sequence = {**as_json(truth, estimates, evaluation), "zero_distance": 2.0}
     theirs = ask_oracles([sequence])["sequences"][0]["trackeval"]
-    ours: Hota = hota_scores(truth, estimates, zero_distance_m=2.0)
+    ours: Hota = hota_scores(truth, estimates, zero_distance=2.0)
     assert ours.hota == pytest.approx(np.mean(theirs["HOTA"]), abs=TOLERANCE)
     assert ours.localisation_accuracy == pytest.approx(np.mean(theirs["LocA"]), abs=TOLERANCE)

@@ -1,4 +1,5 @@
-"""CLEAR-MOT in the ground plane (Bernardin and Stiefelhagen 2008; Poschmann 2018, 7.5.2).
+"""CLEAR-MOT in the ground plane (Bernardin and Stiefelhagen 2008; Poschmann 2018, 7.5.2), or in an image (Volkhardt et
+al. 2013, IV, eq. 8).
 
 A mismatch is Bernardin's: a person is matched with another track than at his last match, however long ago. It happens
 in two ways. The track had another person before (two people swap tracks: two mismatches), or the person was lost and
@@ -17,6 +18,7 @@ from typing import Dict, List, Optional, Tuple, Union
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from people_fusion.evaluation.distances import Distance, on_the_floor
 from people_fusion.evaluation.truth import Estimates, Truth
 
 THRESHOLD_M = 0.5  # Poschmann 7.5.2
@@ -41,7 +43,7 @@ class Events:
         kinds: (E,) `Event`.
         truth_rows: (E,) row in `Truth`, -1 if no person is involved.
         estimate_rows: (E,) row in `Estimates`, -1 if no track is involved.
-        distances: (E,) metres between person and track, NaN if either is missing.
+        distances: (E,) between person and track, metres or one minus overlap, NaN if either is missing.
         transferred: (E,) bool, the match is new and the track's last new match was with another person.
     """
 
@@ -82,8 +84,9 @@ class ClearMot:
         mismatches: matches with another track than the person had before.
         takeovers: those mismatches whose track had another person before; the rest are people found again.
         transfers: new matches of a track that had another person before, mismatch or not.
-        distance_sum_m: over all matches.
+        distance_sum: over all matches, metres; in an image of one minus overlap.
         only_annotated: False positives were not counted, because people are about who are not annotated.
+        in_image: matched by the overlap of boxes.
     """
 
     frames: int = 0
@@ -94,11 +97,14 @@ class ClearMot:
     mismatches: int = 0
     takeovers: int = 0
     transfers: int = 0
-    distance_sum_m: float = 0.0
+    distance_sum: float = 0.0
     only_annotated: bool = False
+    in_image: bool = False
 
     @staticmethod
-    def of(events: Events, frame_count: int, only_annotated: bool = False) -> ClearMot:
+    def of(
+        events: Events, frame_count: int, only_annotated: bool = False, in_image: bool = False
+    ) -> ClearMot:
         """Counts of one run's events."""
         matched = events.matched
         mismatched = events.kinds == Event.MISMATCH
@@ -112,8 +118,9 @@ class ClearMot:
             mismatches=int(mismatched.sum()),
             takeovers=int(np.sum(mismatched & events.transferred)),
             transfers=int(events.transferred.sum()),
-            distance_sum_m=float(events.distances[matched].sum()),
+            distance_sum=float(events.distances[matched].sum()),
             only_annotated=only_annotated,
+            in_image=in_image,
         )
 
     def __add__(self, other: ClearMot) -> ClearMot:
@@ -127,8 +134,9 @@ class ClearMot:
             self.mismatches + other.mismatches,
             self.takeovers + other.takeovers,
             self.transfers + other.transfers,
-            self.distance_sum_m + other.distance_sum_m,
+            self.distance_sum + other.distance_sum,
             self.only_annotated or other.only_annotated,
+            self.in_image or other.in_image,
         )
 
     @property
@@ -139,8 +147,13 @@ class ClearMot:
 
     @property
     def motp_m(self) -> Optional[float]:
-        """Multiple object tracking precision, Poschmann eq. 7.9: mean distance of matches, metres."""
-        return ratio(self.distance_sum_m, self.matches)
+        """Multiple object tracking precision, Poschmann eq. 7.9: mean distance of matches, metres; None in an image."""
+        return None if self.in_image else ratio(self.distance_sum, self.matches)
+
+    @property
+    def motp_image(self) -> Optional[float]:
+        """The same in an image (Volkhardt et al. 2013, IV): 0 is perfect, 1 is no overlap; None on the floor."""
+        return ratio(self.distance_sum, self.matches) if self.in_image else None
 
     @property
     def miss_rate(self) -> Optional[float]:
@@ -171,7 +184,13 @@ def ratio(numerator: float, denominator: float) -> Optional[float]:
     return numerator / denominator if denominator else None
 
 
-def match(truth: Truth, estimates: Estimates, threshold_m: float = THRESHOLD_M, only_annotated: bool = False) -> Events:
+def match(
+    truth: Truth,
+    estimates: Estimates,
+    threshold: float = THRESHOLD_M,
+    only_annotated: bool = False,
+    distance: Optional[Distance] = None,
+) -> Events:
     """Assign people and tracks frame by frame, one to one.
 
     A person keeps the track of his last match while both are within the threshold, even if another track is nearer. If
@@ -181,15 +200,16 @@ def match(truth: Truth, estimates: Estimates, threshold_m: float = THRESHOLD_M, 
     Args:
         truth: annotated people.
         estimates: tracker output at the same frames.
-        threshold_m: a pair farther apart is never matched.
+        threshold: a pair farther apart is never matched.
         only_annotated: not everybody is annotated, so that an unmatched track is ignored instead of false.
+        distance: of rows of truth and estimates; None: metres on the floor.
 
     Raises:
         DataError: if an estimate belongs to no frame of the truth.
     """
     truth_bounds, estimate_bounds = truth.bounds().tolist(), estimates.bounds(truth.frame_count).tolist()
     person_ids, track_ids = truth.ids.tolist(), estimates.ids.tolist()
-    truth_points, estimate_points = truth.points, estimates.points
+    distance = distance or on_the_floor(truth, estimates)
     last_match: Dict[int, Tuple[int, int]] = {}  # person: (frame, track), M_t of Bernardin and Stiefelhagen
     last_person: Dict[int, int] = {}  # by track, at its last new match
     unmatched = Event.IGNORED if only_annotated else Event.FALSE_POSITIVE
@@ -197,12 +217,11 @@ def match(truth: Truth, estimates: Estimates, threshold_m: float = THRESHOLD_M, 
     for frame in range(truth.frame_count):
         people = range(truth_bounds[frame], truth_bounds[frame + 1])
         tracks = range(estimate_bounds[frame], estimate_bounds[frame + 1])
-        offsets = truth_points[people.start : people.stop, None] - estimate_points[None, tracks.start : tracks.stop]
-        distances = np.hypot(offsets[..., 0], offsets[..., 1])
+        distances = distance(np.array(people, dtype=int)[:, None], np.array(tracks, dtype=int))
         persons = [person_ids[row] for row in people]
         columns = {track_ids[row]: column for column, row in enumerate(tracks)}
-        kept = _kept(persons, columns, distances, last_match, threshold_m)
-        pairs = {**kept, **_nearest(distances, kept, threshold_m)}
+        kept = _kept(persons, columns, distances, last_match, threshold)
+        pairs = {**kept, **_nearest(distances, kept, threshold)}
         for i, person in enumerate(persons):
             if i not in pairs:
                 rows.append((frame, Event.MISS, people[i], -1, np.nan, False))
@@ -226,20 +245,20 @@ def _kept(
     columns: Dict[int, int],
     distances: np.ndarray,
     last_match: Dict[int, Tuple[int, int]],
-    threshold_m: float,
+    threshold: float,
 ) -> Dict[int, int]:
     """Track's column by person's row, for matches that are still valid; the latest holder of a track first."""
     valid = []
     for i, person in enumerate(persons):
         frame, track = last_match.get(person, (-1, None))
         column = columns.get(track) if track is not None else None
-        if column is not None and distances[i, column] <= threshold_m:
+        if column is not None and distances[i, column] <= threshold:
             valid.append((frame, i, column))
     holders = {column: i for _, i, column in sorted(valid)}
     return {i: column for column, i in holders.items()}
 
 
-def _nearest(distances: np.ndarray, pairs: Dict[int, int], threshold_m: float) -> Dict[int, int]:
+def _nearest(distances: np.ndarray, pairs: Dict[int, int], threshold: float) -> Dict[int, int]:
     """Global nearest neighbour over the rows and columns that are not paired yet."""
     open_rows = [i for i in range(distances.shape[0]) if i not in pairs]
     taken = set(pairs.values())
@@ -247,11 +266,11 @@ def _nearest(distances: np.ndarray, pairs: Dict[int, int], threshold_m: float) -
     if not open_rows or not open_columns:
         return {}
     costs = distances[np.ix_(open_rows, open_columns)]
-    within = costs <= threshold_m
+    within = costs <= threshold
     if not within.any():
         return {}
     # One forbidden pair costs more than all allowed ones together: first the number of matches, then the distance.
-    forbidden = 2.0 * threshold_m * (min(costs.shape) + 1)
+    forbidden = 2.0 * threshold * (min(costs.shape) + 1)
     chosen = zip(*linear_sum_assignment(np.where(within, costs, forbidden)))
     return {open_rows[i]: open_columns[j] for i, j in chosen if within[i, j]}
 

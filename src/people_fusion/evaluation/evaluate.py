@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Dict, Union
+from typing import Dict, Optional, Union
 
 import numpy as np
 
 from people_fusion.evaluation.clear_mot import THRESHOLD_M, ClearMot, Event, Events, match
 from people_fusion.evaluation.consistency import Consistency, position_nees, state_nees
+from people_fusion.evaluation.distances import IMAGE_THRESHOLD, Distance
 from people_fusion.evaluation.hota import Hota, hota_scores
 from people_fusion.evaluation.identity import Identity, identity_scores
 from people_fusion.evaluation.truth import Estimates, Truth
@@ -48,6 +49,7 @@ class Scores:
         return {
             "mota": clear.mota,
             "motp_m": clear.motp_m,
+            "motp_image": clear.motp_image,
             "miss_rate": clear.miss_rate,
             "false_positive_rate": clear.false_positive_rate,
             "mismatch_rate": clear.mismatch_rate,
@@ -83,7 +85,7 @@ class Evaluation:
         scores: counts, which can be added over runs.
         events: what happened in each frame.
         nees: (E,) NEES in the plane of each event, NaN where there is none.
-        threshold_m: largest distance of a match.
+        threshold_m: largest distance of a match; in an image not metres, but one minus overlap.
     """
 
     scores: Scores
@@ -111,20 +113,63 @@ def evaluate(
     Raises:
         DataError: if an estimate belongs to no frame, or a covariance of a matched one is not positive definite.
     """
-    events = match(truth, estimates, threshold_m, only_annotated)
+    return _evaluate(truth, estimates, threshold_m, only_annotated, 2.0 * threshold_m, None)
+
+
+def evaluate_in_image(
+    truth: Truth,
+    estimates: Estimates,
+    distance: Distance,
+    threshold: float = IMAGE_THRESHOLD,
+    only_annotated: bool = False,
+) -> Evaluation:
+    """Score a run by the boxes that people and tracks fill in an image (Volkhardt et al. 2013, IV).
+
+    NEES is that of the positions of those who match.
+
+    Args:
+        truth: annotated people who are in the image.
+        estimates: reported people who are in the image.
+        distance: of their rows, from `in_the_image`.
+        threshold: largest distance of a match; HOTA's similarity is 0 where boxes do not overlap.
+        only_annotated: see `evaluate`.
+
+    Raises:
+        DataError: see `evaluate`.
+    """
+    return _evaluate(truth, estimates, threshold, only_annotated, 1.0, distance)
+
+
+def _evaluate(
+    truth: Truth,
+    estimates: Estimates,
+    threshold: float,
+    only_annotated: bool,
+    zero_distance: float,
+    distance: Optional[Distance],
+) -> Evaluation:
+    events = match(truth, estimates, threshold, only_annotated, distance)
     nees = position_nees(truth, estimates, events)
-    known = estimates.select(_not_ignored(events, len(estimates.ids))) if only_annotated else estimates
+    known, known_distance = estimates, distance
+    if only_annotated:
+        rows = _known_rows(events, len(estimates.ids))
+        known = estimates.select(rows)
+        known_distance = None if distance is None else _of_rows(distance, rows)
     scores = Scores(
-        ClearMot.of(events, truth.frame_count, only_annotated),
-        identity_scores(truth, known, threshold_m),
-        hota_scores(truth, known, 2.0 * threshold_m),
+        ClearMot.of(events, truth.frame_count, only_annotated, distance is not None),
+        identity_scores(truth, known, threshold, known_distance),
+        hota_scores(truth, known, zero_distance, known_distance),
         Consistency.of(nees, 2),
         Consistency.of(state_nees(truth, estimates, events), 4),
     )
-    return Evaluation(scores, events, nees, threshold_m)
+    return Evaluation(scores, events, nees, threshold)
 
 
-def _not_ignored(events: Events, count: int) -> np.ndarray:
-    kept = np.ones(count, dtype=bool)
-    kept[events.estimate_rows[events.kinds == Event.IGNORED]] = False
-    return kept
+def _known_rows(events: Events, count: int) -> np.ndarray:
+    """Rows of the estimates that are not ignored."""
+    return np.setdiff1d(np.arange(count), events.estimate_rows[events.kinds == Event.IGNORED])
+
+
+def _of_rows(distance: Distance, rows: np.ndarray) -> Distance:
+    """The distance of some rows of the estimates alone."""
+    return lambda people, tracks: distance(people, rows[tracks])

@@ -1,8 +1,9 @@
 """Higher order tracking accuracy (Luiten et al. 2021), which weighs detection and association alike.
 
-Similarity of a person and a track falls linearly from 1 at distance 0 to 0 at `zero_distance_m`, as in TrackEval's
+Similarity of a person and a track falls linearly from 1 at distance 0 to 0 at `zero_distance`, as in TrackEval's
 euclidean similarity. TrackEval's own zero distance, 2 m for MOT15-3D, is twice the 1 m that counts as a match there;
 here it is likewise twice the matching threshold, so that CLEAR-MOT's matches are those with a similarity of one half.
+In an image similarity is the overlap of boxes.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from people_fusion.evaluation.clear_mot import THRESHOLD_M
+from people_fusion.evaluation.distances import Distance
 from people_fusion.evaluation.pairs import Pairs
 from people_fusion.evaluation.truth import Estimates, Truth
 
@@ -86,16 +88,19 @@ class Hota:
         return None if nothing else float(scores.mean())
 
 
-def hota_scores(truth: Truth, estimates: Estimates, zero_distance_m: float = ZERO_DISTANCE_M) -> Hota:
+def hota_scores(
+    truth: Truth, estimates: Estimates, zero_distance: float = ZERO_DISTANCE_M, distance: Optional[Distance] = None
+) -> Hota:
     """HOTA's sums of one run.
 
     Args:
         truth: annotated people.
         estimates: tracker output at the same frames.
-        zero_distance_m: where similarity reaches 0.
+        zero_distance: where similarity reaches 0.
+        distance: of rows of truth and estimates; None: metres on the floor.
     """
-    pairs = Pairs.within(truth, estimates, zero_distance_m)
-    similarities = 1.0 - pairs.distances / zero_distance_m
+    pairs = Pairs.within(truth, estimates, zero_distance, distance)
+    similarities = 1.0 - pairs.distances / zero_distance
     rows = _assign(pairs, truth, similarities * _alignment(pairs, similarities)[pairs.persons, pairs.tracks])
     similarities, persons, tracks = similarities[rows], pairs.persons[rows], pairs.tracks[rows]
 

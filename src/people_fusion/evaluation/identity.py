@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from people_fusion.evaluation.clear_mot import THRESHOLD_M, ratio
+from people_fusion.evaluation.distances import Distance
 from people_fusion.evaluation.pairs import Pairs
 from people_fusion.evaluation.truth import Estimates, Truth
 
@@ -51,13 +52,15 @@ class Identity:
         return ratio(self.true_positives, self.true_positives + self.false_negatives)
 
 
-def identity_scores(truth: Truth, estimates: Estimates, threshold_m: float = THRESHOLD_M) -> Identity:
+def identity_scores(
+    truth: Truth, estimates: Estimates, threshold: float = THRESHOLD_M, distance: Optional[Distance] = None
+) -> Identity:
     """Assign whole tracks to whole persons so that most annotations are covered within the threshold.
 
     Leaving a person without a track costs as much as giving him one that is never near, so the assignment is the one
     with the most common frames, and need not be padded.
     """
-    pairs = Pairs.within(truth, estimates, threshold_m)
+    pairs = Pairs.within(truth, estimates, threshold, distance)
     together = np.zeros((pairs.person_count, pairs.track_count), dtype=int)
     np.add.at(together, (pairs.persons, pairs.tracks), 1)
     true_positives = int(together[linear_sum_assignment(-together)].sum())

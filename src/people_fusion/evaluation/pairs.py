@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Tuple
+from typing import Optional, Tuple
 
 import numpy as np
 
+from people_fusion.evaluation.distances import Distance, on_the_floor
 from people_fusion.evaluation.truth import Estimates, Truth
 
 _BLOCK = 50_000  # rows of truth that are paired at once, to bound memory
@@ -19,7 +20,7 @@ class Pairs:
     Attributes:
         truth_rows: (P,) row in `Truth`.
         estimate_rows: (P,) row in `Estimates`.
-        distances: (P,) metres.
+        distances: (P,) metres, or as measured.
         persons: (P,) person, numbered from 0 without gaps.
         tracks: (P,) track, numbered from 0 without gaps.
         person_frames: (person_count,) frames in which each person is annotated.
@@ -35,11 +36,12 @@ class Pairs:
     track_frames: np.ndarray
 
     @staticmethod
-    def within(truth: Truth, estimates: Estimates, distance_m: float) -> Pairs:
-        """All pairs that are at most `distance_m` apart in the ground plane."""
+    def within(truth: Truth, estimates: Estimates, reach: float, distance: Optional[Distance] = None) -> Pairs:
+        """All pairs that are at most `reach` apart; in metres on the floor, unless a distance is given."""
+        distance = distance or on_the_floor(truth, estimates)
         estimate_bounds = estimates.bounds(truth.frame_count)
         blocks = [
-            _near(truth, estimates, estimate_bounds, np.arange(start, min(start + _BLOCK, len(truth.ids))), distance_m)
+            _near(truth, estimate_bounds, np.arange(start, min(start + _BLOCK, len(truth.ids))), reach, distance)
             for start in range(0, max(1, len(truth.ids)), _BLOCK)
         ]
         truth_rows, estimate_rows, distances = (np.concatenate(column) for column in zip(*blocks))
@@ -65,7 +67,7 @@ class Pairs:
 
 
 def _near(
-    truth: Truth, estimates: Estimates, estimate_bounds: np.ndarray, rows: np.ndarray, distance_m: float
+    truth: Truth, estimate_bounds: np.ndarray, rows: np.ndarray, reach: float, distance: Distance
 ) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows of truth and of estimates and distances of the pairs that some rows of truth are part of."""
     frames = truth.frames[rows]
@@ -73,9 +75,8 @@ def _near(
     truth_rows = np.repeat(rows, partners)
     first = np.repeat(estimate_bounds[frames] - np.cumsum(partners) + partners, partners)
     estimate_rows = first + np.arange(len(truth_rows))
-    offsets = truth.points[truth_rows] - estimates.points[estimate_rows]
-    distances = np.hypot(offsets[:, 0], offsets[:, 1])
-    near = distances <= distance_m
+    distances = distance(truth_rows, estimate_rows)
+    near = distances <= reach
     return truth_rows[near], estimate_rows[near], distances[near]
 
 

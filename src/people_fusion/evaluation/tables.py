@@ -107,7 +107,7 @@ def number(value: Optional[float]) -> str:
 def _cells(scores: Scores) -> Tuple[str, ...]:
     clear = scores.clear_mot
     return (
-        millimetres(clear.motp_m),
+        number(clear.motp_image) if clear.in_image else millimetres(clear.motp_m),
         percent(clear.mota),
         percent(clear.miss_rate),
         UNDEFINED if clear.only_annotated else percent(clear.false_positive_rate),
