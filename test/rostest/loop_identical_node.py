@@ -20,7 +20,7 @@ from people_fusion.core.tracks import Tracks
 SECONDS = 5.0
 ROUNDS = 3
 QUIET_S = 0.3
-LEARNING_NS = 200_000_000  # nothing waits for a scanner that was not heard of yet, and one scan of each makes both known
+LEARNING_NS = 200_000_000  # nothing waits for a scanner before its first scan makes it known
 EDGE_NS = 500_000_000  # what waits when the time jumps is lost, and counted
 
 
