@@ -9,6 +9,7 @@ from typing import NamedTuple, Optional, Tuple
 import numpy as np
 
 from people_fusion.core.angles import bearings
+from people_fusion.core.head_scores import HeadScores
 
 XY_OBSERVED = (True, True, False)
 XYZ_OBSERVED = (True, True, True)
@@ -113,6 +114,7 @@ class Measurement:
         point_labels: (P,) index of the leg that a point belongs to.
         legs: (L, 2) centres of the legs.
         leg_owners: (L,) index of the detection that a leg belongs to.
+        scores: of an image that the detections were found in, or None where nobody asked for them.
     """
 
     stamp_ns: int
@@ -132,6 +134,7 @@ class Measurement:
     point_labels: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
     legs: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     leg_owners: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
+    scores: Optional[HeadScores] = None
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -148,6 +151,7 @@ class Measurement:
             point_labels=np.zeros(0, dtype=int),
             legs=np.zeros((0, 2)),
             leg_owners=np.zeros(0, dtype=int),
+            scores=None,
         )
 
     @property

@@ -74,3 +74,29 @@ class Legs:
 
     def __len__(self) -> int:
         return len(self.ids)
+
+
+@dataclass(frozen=True, eq=False)
+class Particles:
+    """What a particle filter believes of each track, at one stamp in one frame.
+
+    Attributes:
+        stamp_ns: instant that positions and velocities hold for.
+        frame_id: frame of positions and velocities.
+        ids: (T,) int64, of the tracks, as in Tracks.
+        confirmed: (T,) bool, as in Tracks.
+        positions: (T, N, 3) of heads, metres.
+        velocities: (T, N, 2) metres a second.
+        weights: (T, N), of each track they sum to 1.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    ids: np.ndarray
+    confirmed: np.ndarray
+    positions: np.ndarray
+    velocities: np.ndarray
+    weights: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.ids)

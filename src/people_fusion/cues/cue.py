@@ -86,6 +86,9 @@ class Cue(abc.ABC):
     def set_tracks(self, tracks: Tracks) -> None:
         """Whom the tracker believes in; a cue may look there first."""
 
+    def set_scores(self, wanted: str) -> None:
+        """What measurements are to carry beside detections: NO_SCORES, SCORES or FEATURES of core.head_scores."""
+
     def reset(self) -> None:
         """Forget all that was measured: time has jumped."""
 

@@ -17,6 +17,7 @@ from people_fusion.core.camera_models import PanoramaConfig
 from people_fusion.core.config import component, components, load_yaml, merge, parameter, parse, section
 from people_fusion.core.errors import ConfigError, TransformUnavailable
 from people_fusion.core.grids import OccupancyGrid
+from people_fusion.core.head_scores import HeadScores
 from people_fusion.core.images import Image
 from people_fusion.core.measurements import Announcement, Measurement
 from people_fusion.core.resources import directory
@@ -179,6 +180,11 @@ class Fusion:
             return False
         return True
 
+    @property
+    def scores(self) -> str:
+        """What head cues are to give beside detections, see Tracker."""
+        return self.tracker.scores
+
     def set_map(self, grid: Optional[OccupancyGrid]) -> None:
         """A new map; pruning uses it where the tracker works in the map's frame."""
         self.tracker.set_map(grid if grid is not None and grid.frame_id == self.tracking_frame else None)
@@ -226,7 +232,12 @@ def place(measurement: Measurement, transform: UncertainTransform, frame_id: str
         sight=sight,
         points=_move_flat(measurement.points, transform),
         legs=_move_flat(measurement.legs, transform),
+        scores=None if measurement.scores is None else _move_scores(measurement.scores, transform),
     )
+
+
+def _move_scores(scores: HeadScores, transform: UncertainTransform) -> HeadScores:
+    return dataclasses.replace(scores, pose=transform.pose, pose_covariance=transform.white_covariance)
 
 
 def move_tracks(tracks: Tracks, transform: UncertainTransform, frame_id: str) -> Tracks:

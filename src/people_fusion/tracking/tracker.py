@@ -6,16 +6,22 @@ import abc
 from typing import Any, Dict, Optional
 
 from people_fusion.core.grids import OccupancyGrid
+from people_fusion.core.head_scores import NO_SCORES
 from people_fusion.core.measurements import Measurement
 from people_fusion.core.registry import Registry
-from people_fusion.core.tracks import Legs, Tracks
+from people_fusion.core.tracks import Legs, Particles, Tracks
 
 
 class Tracker(abc.ABC):
     """Turns measurements into tracks.
 
     A buffer policy calls `process` in order of stamps, from one thread. A tracker reads no clock and waits for nothing.
+
+    Attributes:
+        scores: what it wants head cues to give beside detections: NO_SCORES, SCORES or FEATURES of core.head_scores.
     """
+
+    scores: str = NO_SCORES
 
     @property
     @abc.abstractmethod
@@ -52,6 +58,10 @@ class Tracker(abc.ABC):
 
     def legs(self) -> Optional[Legs]:
         """The legs that it follows, at the tracker's own stamp; None of a tracker that follows none."""
+        return None
+
+    def particles(self) -> Optional[Particles]:
+        """The particles of its tracks, at the tracker's own stamp; None of a tracker that has none."""
         return None
 
     def counters(self) -> Dict[str, int]:
