@@ -13,7 +13,6 @@ import numpy as np
 from people_fusion.core.cameras import Camera
 from people_fusion.core.poses import Pose
 
-
 NO_SCORES, SCORES, FEATURES = "none", "scores", "features"  # what a tracker may want of an image
 
 
