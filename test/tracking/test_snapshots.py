@@ -22,12 +22,17 @@ TRACKERS_OF = {
     "consider": lambda: kalman(shared_error="consider", lifecycle=FURNITURE_SOON),
     "kalman_over_legs": lambda: load_config("kalman_over_legs").tracker,
     "leg_mht": lambda: load_config("leg_mht").tracker,
+    "particle": lambda: particle(models={"legs": {"type": "legs", "starts": True}}, walking={"stop_rate": 0.2}),
     "add": lambda: kalman(offset_stds={"legs": 0.1}, gait_s=0.1, merge_distance=0.3, lifecycle=FURNITURE_SOON),
 }
 
 
 def kalman(**options):
     return parse(TRACKERS.config_of("kalman", "tracker"), options)
+
+
+def particle(**options):
+    return parse(TRACKERS.config_of("particle", "tracker"), options)
 
 
 @pytest.fixture(params=sorted(TRACKERS_OF))
@@ -93,7 +98,7 @@ def test_who_alters_the_tracks_that_were_given_alters_no_state(tracker, detect):
         np.testing.assert_array_equal(array, copy)
 
 
-@pytest.mark.parametrize("name", sorted(set(TRACKERS_OF) - {"leg_mht", "kalman_over_legs"}))
+@pytest.mark.parametrize("name", sorted(set(TRACKERS_OF) - {"leg_mht", "kalman_over_legs", "particle"}))
 def test_joint_covariances_of_states_and_shared_error_stay_covariances(name, detect):
     tracker, worst = TRACKERS.build(TRACKERS_OF[name]()), 0.0
     for measurement in busy_day(detect, 600):

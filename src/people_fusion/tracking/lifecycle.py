@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 from dataclasses import dataclass
-from typing import Tuple
+from typing import Optional, Tuple
 
 import numpy as np
 
@@ -26,6 +26,7 @@ class Evidence:
         confidences: (T,) of the matched detections, 0 elsewhere.
         log_likelihoods: (T,) log density of the matched innovations in 1/m^m, 0 elsewhere.
         visible: (T,) in [0, 1], share of the person that the sensor could see.
+        confirming: (T,) bool, matched in a way that may make a person of a track; None: wherever it is matched.
     """
 
     measurement: Measurement
@@ -36,6 +37,7 @@ class Evidence:
     confidences: np.ndarray
     log_likelihoods: np.ndarray
     visible: np.ndarray
+    confirming: Optional[np.ndarray] = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,17 +42,27 @@ class Pairing:
     """Which detections belong to which tracks.
 
     Attributes:
-        rows: (T, P) indices of detections (or legs, where a model says so), NONE where there are fewer than P.
+        rows: (T,) index of the detection, NONE where there is none.
         log_likelihoods: (T,) log density of what was assigned, 1/m^2 on the ground; 0 where nothing was.
+        points: (T, 2) where on the ground the model itself sees the person, metres; NaN where it does not.
+        used: (N,) bool, detections that have a part in anybody.
     """
 
     rows: np.ndarray
     log_likelihoods: np.ndarray
+    points: np.ndarray
+    used: np.ndarray
+
+    @staticmethod
+    def nothing(tracks: int, detections: int) -> Pairing:
+        """No detection belongs to any track, yet."""
+        points = np.full((tracks, 2), np.nan)
+        return Pairing(np.full(tracks, NONE), np.zeros(tracks), points, np.zeros(detections, dtype=bool))
 
     @property
     def detected(self) -> np.ndarray:
         """(T,) bool, whether anything was assigned."""
-        return np.asarray((self.rows != NONE).any(axis=1))
+        return np.asarray(self.rows != NONE)
 
 
 @dataclass(frozen=True, eq=False)

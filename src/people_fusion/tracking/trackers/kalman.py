@@ -7,9 +7,8 @@ that of Volkhardt 2013, III-C.
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
-from collections import Counter, OrderedDict
+from collections import Counter
 from dataclasses import dataclass
 from typing import Dict, Optional, Tuple
 
@@ -33,13 +32,13 @@ from people_fusion.filtering.kalman import (
 from people_fusion.filtering.motion import MOTION_MODELS
 from people_fusion.filtering.motion_models.near_constant_velocity import NearConstantVelocityConfig
 from people_fusion.tracking.duplicates import fuse_duplicates
+from people_fusion.tracking.identities import Identities
 from people_fusion.tracking.lifecycle import LIFECYCLES, Evidence
 from people_fusion.tracking.lifecycles.bayes import BayesConfig
 from people_fusion.tracking.plausible import plausible
+from people_fusion.tracking.slow_errors import shared_errors, slow_errors
 from people_fusion.tracking.table import SHARED, TrackTable
 from people_fusion.tracking.tracker import TRACKERS, Tracker
-
-IDENTITIES_REMEMBERED = 4096
 
 
 @dataclass(frozen=True)
@@ -119,8 +118,7 @@ class KalmanTracker(Tracker):
         self._still_noise[[0, 1], [0, 1]] = config.still_std**2
         self._considers = config.shared_error == "consider"
         self._state = self._initial_state()
-        self._identities: OrderedDict[Tuple[int, str, int, int, int], int] = OrderedDict()
-        self._next_id = 1
+        self._identities = Identities()
         self._grid: Optional[OccupancyGrid] = None
         self._counts: Counter = Counter()
 
@@ -183,7 +181,7 @@ class KalmanTracker(Tracker):
     def reset(self) -> None:
         """See Tracker."""
         self._state = self._initial_state()
-        self._identities.clear()
+        self._identities.reset()
 
     def set_map(self, grid: Optional[OccupancyGrid]) -> None:
         """See Tracker."""
@@ -500,7 +498,7 @@ class KalmanTracker(Tracker):
             means, covariances = predict(means, covariances, transition, noise)
         stamps = np.full(count, measurement.stamp_ns, dtype=np.int64)
         return TrackTable(
-            ids=np.array([self._identity(measurement, row, table.ids) for row in rows.tolist()], dtype=np.int64),
+            ids=np.array([self._identities.of(measurement, row, table.ids) for row in rows.tolist()], dtype=np.int64),
             means=means,
             covariances=covariances,
             shared_cross=cross,
@@ -516,19 +514,6 @@ class KalmanTracker(Tracker):
             resting_place=means[:, :2].copy(),
             resting_since_ns=stamps,
         )
-
-    def _identity(self, measurement: Measurement, row: int, used: np.ndarray) -> int:
-        """The same detection starts the same identity, however often it is reprocessed."""
-        for again in itertools.count():  # a cue that numbers nothing may stamp two messages alike
-            key = (*measurement.order, row, again)
-            if key not in self._identities:
-                self._identities[key] = self._next_id
-                self._next_id += 1
-                if len(self._identities) > IDENTITIES_REMEMBERED:
-                    self._identities.popitem(last=False)
-            if self._identities[key] not in used:
-                break
-        return self._identities[key]
 
     def _visible(self, measurement: Measurement) -> np.ndarray:
         table = self._state.table
@@ -546,21 +531,12 @@ class KalmanTracker(Tracker):
         """(N, m, m) J B J' on the observed axes, or None where nothing is shared."""
         if measurement.shared_jacobians is None or measurement.shared_covariance is None:
             return None
-        return self._floors(measurement)[:, axes[:, None], axes]
+        return shared_errors(measurement)[:, axes[:, None], axes]
 
     def _slow_errors(self, measurement: Measurement) -> np.ndarray:
-        """(N, 3, 3) what each detection adds to the output: its modality's offset, and the pose error to be added."""
+        """(N, 3, 3) what each detection adds to the output."""
         offset = self.config.offset_stds.get(measurement.modality, 0.0)
-        errors = np.repeat(np.diag(np.array(measurement.observed) * offset**2)[None], len(measurement), axis=0)
-        if measurement.shared_covariance is not None and self.config.shared_error == "add":
-            errors = errors + self._floors(measurement)
-        return errors
-
-    def _floors(self, measurement: Measurement) -> np.ndarray:
-        """(N, 3, 3) J B J', zero on axes that are not observed."""
-        assert measurement.shared_jacobians is not None and measurement.shared_covariance is not None
-        jacobians = measurement.shared_jacobians * np.array(measurement.observed, dtype=float)[:, None]
-        return jacobians @ measurement.shared_covariance @ jacobians.swapaxes(-1, -2)
+        return slow_errors(measurement, offset, not self._considers)
 
 
 def _diagonals(matrices: np.ndarray) -> np.ndarray:

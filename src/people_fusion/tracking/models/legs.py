@@ -1,0 +1,84 @@
+"""Particles weighed by legs, which are assigned to tracks and not to each other (Poschmann 2018, 7.2.2; L2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from people_fusion.core.config import parameter
+from people_fusion.core.measurements import Measurement
+from people_fusion.tracking.models.gaussian import log_densities
+from people_fusion.tracking.weighing import (
+    MEASUREMENT_MODELS,
+    NONE,
+    Belief,
+    Births,
+    MeasurementModel,
+    Pairing,
+)
+
+
+@dataclass(frozen=True)
+class LegModelConfig:
+    """Which legs are whose."""
+
+    reach: float = parameter(0.5, "largest distance of a track and its leg on the ground, metres", low=0.01)
+    starts: bool = parameter(False, "legs of nobody, in pairs as the cue makes them, start tracks; legs confirm tracks")
+
+
+@MEASUREMENT_MODELS.register("legs", LegModelConfig)
+class LegModel(MeasurementModel):
+    """A person is at the middle between his legs, or at the only one, as uncertain as the cue says of these legs."""
+
+    def __init__(self, config: LegModelConfig) -> None:
+        self.config, self.starts = config, config.starts
+
+    def associate(self, belief: Belief, measurement: Measurement) -> Pairing:
+        """Nearest first: each leg to one track at most, two legs to a track at most."""
+        pairing, legs = Pairing.nothing(len(belief), len(measurement)), measurement.legs
+        apart = np.hypot(*(belief.means[:, None, :2] - legs[None]).transpose(2, 0, 1))
+        tracks, parts = np.nonzero(apart <= self.config.reach)
+        owns = np.full((len(belief), 2), NONE)
+        free = np.ones(len(legs), dtype=bool)
+        for pair in np.argsort(apart[tracks, parts], kind="stable").tolist():
+            track, leg = int(tracks[pair]), int(parts[pair])
+            if free[leg] and owns[track, 1] == NONE:
+                owns[track, 0 if owns[track, 0] == NONE else 1] = leg
+                free[leg] = False
+        for track in np.flatnonzero(owns[:, 0] != NONE).tolist():
+            mine = owns[track][owns[track] != NONE]
+            pairing.rows[track] = measurement.leg_owners[mine[0]]
+            pairing.used[measurement.leg_owners[mine]] = True
+            pairing.points[track] = self._middle(measurement, mine)
+        return pairing
+
+    @staticmethod
+    def _middle(measurement: Measurement, legs: np.ndarray) -> np.ndarray:
+        """Of a track's legs; of a single one that the cue has no second to, where the cue sees the person."""
+        owner = measurement.leg_owners[legs[0]]
+        if len(legs) == 1 and np.count_nonzero(measurement.leg_owners == owner) == 1:
+            return np.asarray(measurement.positions[owner, :2])
+        return np.asarray(measurement.legs[legs].mean(axis=0))
+
+    def weigh(
+        self,
+        belief: Belief,
+        measurement: Measurement,
+        pairing: Pairing,
+        rng: np.random.Generator,  # noqa: ARG002
+    ) -> np.ndarray:
+        """Log density of a Gaussian at the middle of the legs."""
+        logs, hit = np.zeros(belief.weights.shape), pairing.detected
+        covariances = measurement.covariances[pairing.rows[hit], :2, :2]
+        logs[hit] = log_densities(belief.states[hit][..., :2], pairing.points[hit], covariances)
+        return logs
+
+    def visible(self, belief: Belief, measurement: Measurement, pairing: Pairing) -> np.ndarray:  # noqa: ARG002
+        """Who has a leg; where legs start nobody, who was confirmed already."""
+        return pairing.detected & (self.starts | belief.confirmed)
+
+    def initiate(self, belief: Belief, measurement: Measurement, pairing: Pairing) -> Births:  # noqa: ARG002
+        """People of the cue none of whose legs belongs to a track."""
+        rows = np.flatnonzero(~pairing.used)
+        return Births(measurement.positions[rows], measurement.covariances[rows], rows)
