@@ -5,6 +5,7 @@ No threshold has been applied: a head that no detector reports still scores high
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass, field
 from typing import NamedTuple, Tuple
 
@@ -88,3 +89,7 @@ class HeadScores:
     def has_features(self) -> bool:
         """Whether other models can be scored on the same cells."""
         return all(layer.features.size > 0 for layer in self.layers)
+
+    def select(self, rows: np.ndarray) -> HeadScores:
+        """The same image with some of the detections, by mask or index."""
+        return dataclasses.replace(self, corners=self.corners[rows], box_scores=self.box_scores[rows])

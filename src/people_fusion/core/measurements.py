@@ -151,7 +151,7 @@ class Measurement:
             point_labels=np.zeros(0, dtype=int),
             legs=np.zeros((0, 2)),
             leg_owners=np.zeros(0, dtype=int),
-            scores=None,
+            scores=None if self.scores is None else self.scores.select(rows),
         )
 
     @property

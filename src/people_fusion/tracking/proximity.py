@@ -34,12 +34,15 @@ def log_proximity(
         config: distances.
     """
     logs = np.zeros(states.shape[:2])
-    if config.distance_max == 0.0:
+    if config.distance_max == 0.0 or np.count_nonzero(confirmed) == 0 or len(states) < 2:
         return logs
-    for row in np.flatnonzero(confirmed).tolist():
-        apart = np.hypot(states[..., 0] - means[row, 0], states[..., 1] - means[row, 1])
-        share = (apart - config.distance_min) / (config.distance_max - config.distance_min)
-        share[row] = 1.0
-        with np.errstate(divide="ignore"):
-            logs += np.log(np.clip(share, 0.0, 1.0))
+    reaches = np.abs(states[..., :2] - means[:, None, :2]).max(axis=1)
+    reaches = np.hypot(reaches[:, 0], reaches[:, 1])
+    apart = np.hypot(*(means[:, None, :2] - means[None, :, :2]).transpose(2, 0, 1))
+    near = (apart < config.distance_max + reaches[:, None]) & confirmed & ~np.eye(len(means), dtype=bool)
+    tracks, others = np.nonzero(near)
+    distances = np.hypot(*(states[tracks, :, :2] - means[others, None, :2]).transpose(2, 0, 1))
+    shares = (distances - config.distance_min) / (config.distance_max - config.distance_min)
+    with np.errstate(divide="ignore"):
+        np.add.at(logs, tracks, np.log(np.clip(shares, 0.0, 1.0)))
     return logs

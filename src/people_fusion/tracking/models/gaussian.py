@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Tuple
 
 import numpy as np
 
@@ -44,22 +45,14 @@ class GaussianModel(MeasurementModel):
         pairing = Pairing.nothing(len(belief), len(measurement))
         if len(belief) == 0 or len(measurement) == 0:
             return pairing
-        axes = np.flatnonzero(measurement.observed)
-        innovations = measurement.positions[None][..., axes] - belief.means[:, None, axes]
-        noises = _noises(measurement, axes)
-        if measurement.shared_covariance is not None:
-            noises = noises + shared_errors(measurement)[:, axes[:, None], axes]
-        spreads = belief.covariances[:, axes[:, None], axes][:, None] + noises[None]
+        innovations, spreads = innovations_of(belief, measurement)
         distances = mahalanobis_squared(innovations, spreads)
         tracks, rows = np.nonzero(distances <= self.config.gate)
         costs = distances[tracks, rows] - self.config.gate
         chosen = self._assignment.assign(tracks, rows, costs, (len(belief), len(measurement)))
         tracks, rows = tracks[chosen], rows[chosen]
         pairing.rows[tracks], pairing.used[rows] = rows, True
-        areas = np.linalg.det(spreads[tracks, rows][:, :2, :2])
-        pairing.log_likelihoods[tracks] = -0.5 * (
-            distances[tracks, rows] + np.log(areas) + 2.0 * math.log(2.0 * math.pi)
-        )
+        pairing.log_likelihoods[tracks] = pair_likelihoods(innovations[tracks, rows], spreads[tracks, rows])
         return pairing
 
     def weigh(
@@ -88,6 +81,22 @@ class GaussianModel(MeasurementModel):
         """Whatever was assigned to nobody."""
         rows = np.flatnonzero(~pairing.used)
         return Births(measurement.positions[rows], measurement.covariances[rows], rows)
+
+
+def innovations_of(belief: Belief, measurement: Measurement) -> Tuple[np.ndarray, np.ndarray]:
+    """Of every track and detection the innovation (T, M, m) and its covariance (T, M, m, m), on observed axes."""
+    axes = np.flatnonzero(measurement.observed)
+    noises = _noises(measurement, axes)
+    if measurement.shared_covariance is not None:
+        noises = noises + shared_errors(measurement)[:, axes[:, None], axes]
+    innovations = measurement.positions[None][..., axes] - belief.means[:, None, axes]
+    return innovations, belief.covariances[:, axes[:, None], axes][:, None] + noises[None]
+
+
+def pair_likelihoods(innovations: np.ndarray, spreads: np.ndarray) -> np.ndarray:
+    """(P,) log density of innovations (P, m), by area on the ground as false detections are counted."""
+    areas = np.linalg.det(spreads[:, :2, :2])
+    return -0.5 * (mahalanobis_squared(innovations, spreads) + np.log(areas) + 2.0 * math.log(2.0 * math.pi))
 
 
 def log_densities(points: np.ndarray, means: np.ndarray, covariances: np.ndarray) -> np.ndarray:

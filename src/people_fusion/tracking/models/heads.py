@@ -1,0 +1,123 @@
+"""Particles weighed by how much like a head the image is where they are (Poschmann 2018, 7.2.3; H2 and H2A)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from people_fusion.association.methods.greedy import Greedy, GreedyConfig
+from people_fusion.core.config import parameter, section
+from people_fusion.core.head_scores import SCORES, HeadScores
+from people_fusion.core.measurements import Measurement
+from people_fusion.core.poses import point_jacobians
+from people_fusion.cues.heads.boxes import overlaps
+from people_fusion.cues.heads.places import Seen, scores_at, seen
+from people_fusion.filtering.particles import root
+from people_fusion.tracking.models.gaussian import (
+    GaussianModel,
+    GaussianModelConfig,
+    innovations_of,
+    pair_likelihoods,
+)
+from people_fusion.tracking.weighing import MEASUREMENT_MODELS, Belief, Births, MeasurementModel, Pairing
+
+
+@dataclass(frozen=True)
+class HeadScoreModelConfig:
+    """What an image says of a person, seen or not."""
+
+    visible_probability: float = parameter(0.7, "p(v): that a person is to be seen by the camera", low=0.0, high=1.0)
+    hidden_likelihood: float = parameter(0.2, "p(z | x, not v), of whoever is not to be seen", low=1e-6, high=1.0)
+    threshold: float = parameter(-1.0, "score of a track's head from which it is there, detected or not")
+    overlap: float = parameter(0.2, "of a track's head and a detection's box, from which both may be one", 0.0, 1.0)
+    without_scores: GaussianModelConfig = section(GaussianModelConfig, "detections that come without scores")
+
+
+@MEASUREMENT_MODELS.register("heads", HeadScoreModelConfig)
+class HeadScoreModel(MeasurementModel):
+    """See the module. Where a cue gives no scores, its detections are taken as Gaussians."""
+
+    after_weighing = True
+    scores = SCORES
+    starts = True
+
+    def __init__(self, config: HeadScoreModelConfig) -> None:
+        self.config = config
+        self._gaussian = GaussianModel(config.without_scores)
+        self._assignment = Greedy(GreedyConfig())
+
+    def associate(self, belief: Belief, measurement: Measurement) -> Pairing:
+        """By the overlap of the detections' boxes and those in which the tracks' heads are expected."""
+        scores = measurement.scores
+        if scores is None:
+            return self._gaussian.associate(belief, measurement)
+        pairing = Pairing.nothing(len(belief), len(measurement))
+        if len(belief) == 0 or len(measurement) == 0:
+            return pairing
+        shared = _overlaps(scores, seen(scores, belief.means[:, :3]))
+        tracks, rows = np.nonzero(shared > self.config.overlap)
+        chosen = self._assignment.assign(tracks, rows, -shared[tracks, rows], (len(belief), len(measurement)))
+        tracks, rows = tracks[chosen], rows[chosen]
+        pairing.rows[tracks], pairing.used[rows] = rows, True
+        innovations, spreads = innovations_of(belief, measurement)
+        pairing.log_likelihoods[tracks] = pair_likelihoods(innovations[tracks, rows], spreads[tracks, rows])
+        return pairing
+
+    def weigh(
+        self, belief: Belief, measurement: Measurement, pairing: Pairing, rng: np.random.Generator
+    ) -> np.ndarray:
+        """Log of eq. 7.3: what the image says of who is to be seen, a constant of who is not."""
+        scores, config = measurement.scores, self.config
+        if scores is None:
+            return self._gaussian.weigh(belief, measurement, pairing, rng)
+        boxes = seen(scores, _as_seen(scores, belief.states[..., :3].reshape(-1, 3), rng))
+        likely = self._likelihoods(belief, scores, boxes).reshape(belief.weights.shape)
+        mixed = config.visible_probability * likely + (1.0 - config.visible_probability) * config.hidden_likelihood
+        return np.log(np.where(np.isnan(likely), config.hidden_likelihood, mixed))
+
+    def visible(self, belief: Belief, measurement: Measurement, pairing: Pairing) -> np.ndarray:
+        """Who is detected, or looks enough like a head where it should be."""
+        scores = measurement.scores
+        if scores is None:
+            return self._gaussian.visible(belief, measurement, pairing)
+        at_means = self._scores(belief, scores, seen(scores, belief.means[:, :3]))
+        with np.errstate(invalid="ignore"):
+            return np.asarray(pairing.detected | (at_means > self.config.threshold))
+
+    def initiate(self, belief: Belief, measurement: Measurement, pairing: Pairing) -> Births:
+        """Detections of nobody."""
+        return self._gaussian.initiate(belief, measurement, pairing)
+
+    def _likelihoods(self, belief: Belief, scores: HeadScores, boxes: Seen) -> np.ndarray:  # noqa: ARG002
+        """(T * N,) p(z | x, v) of eq. 7.4; NaN where nothing was scored."""
+        return probabilities(scores, scores_at(scores, boxes.middles, boxes.heights))
+
+    def _scores(self, belief: Belief, scores: HeadScores, boxes: Seen) -> np.ndarray:  # noqa: ARG002
+        """(T,) scores of the tracks' heads; NaN where nothing was scored."""
+        return scores_at(scores, boxes.middles, boxes.heights)
+
+
+def probabilities(scores: HeadScores, values: np.ndarray) -> np.ndarray:
+    """Of a head at each score, eq. 4.2; NaN stays."""
+    return np.asarray(1.0 / (1.0 + np.exp(np.clip(scores.platt_slope * values, -500.0, 500.0))))
+
+
+def _as_seen(scores: HeadScores, heads: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Heads (N, 3) where a camera sees them whose pose errs, by another draw of that error for each."""
+    if not scores.pose_covariance.any():
+        return heads
+    errors = rng.standard_normal((len(heads), 6)) @ root(scores.pose_covariance).T
+    points = scores.pose.inverse().apply(heads)
+    return np.asarray(heads - np.einsum("nij,nj->ni", point_jacobians(scores.pose, points), errors))
+
+
+def _overlaps(scores: HeadScores, boxes: Seen) -> np.ndarray:
+    """(T, M) intersection over union of tracks' heads and detections, the seam of a panorama closed."""
+    left, top, right, bottom = scores.window.box
+    half = 0.5 * boxes.heights[:, None] * np.array([[(right - left) / (bottom - top), 1.0]])
+    corners = np.hstack([boxes.middles - half, boxes.middles + half])
+    width = scores.camera.width
+    turns = (0.0, -width, width) if scores.camera.wraps else (0.0,)
+    shared = [overlaps(corners + [turn, 0.0, turn, 0.0], scores.corners) for turn in turns]
+    return np.nan_to_num(np.max(shared, axis=0))
