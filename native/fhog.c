@@ -235,3 +235,30 @@ FOR("fma") int fhog_scores(const float *cells, int rows, int cols, int dimension
   free(products);
   return 0;
 }
+
+/* Scores of single windows on cells (rows, cols, dimensions), each of a model of its own: window n begins at the cell
+ * `tops[n]`, `lefts[n]` and is scored by model `models[n]`. `weights`: (models, window_rows, window_cols *
+ * dimensions). `out`: (count). */
+FOR("fma") void fhog_scores_at(const float *cells, int cols, int dimensions, const int32_t *tops, const int32_t *lefts,
+                               const int32_t *models, int count, const float *weights, const float *biases,
+                               int window_rows, int window_cols, float *out) {
+  const int length = window_cols * dimensions, whole = length - length % LANES;
+  const ptrdiff_t stride = (ptrdiff_t)cols * dimensions;
+  for (int n = 0; n < count; n++) {
+    const float *line = cells + tops[n] * stride + (ptrdiff_t)lefts[n] * dimensions;
+    const float *weight = weights + (ptrdiff_t)models[n] * window_rows * length;
+    lanes sums = {0};
+    float rest = biases[models[n]];
+    for (int row = 0; row < window_rows; row++, line += stride, weight += length) {
+      for (int i = 0; i < whole; i += LANES) {
+        lanes values, factors;
+        memcpy(&values, line + i, sizeof values);
+        memcpy(&factors, weight + i, sizeof factors);
+        sums += values * factors;
+      }
+      for (int i = whole; i < length; i++) rest += line[i] * weight[i];
+    }
+    for (int i = 0; i < LANES; i++) rest += sums[i];
+    out[n] = rest;
+  }
+}

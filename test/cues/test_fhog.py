@@ -19,13 +19,13 @@ from people_fusion.core.config import parse
 from people_fusion.core.errors import ConfigError
 from people_fusion.cues.heads import native
 from people_fusion.cues.heads.fhog import FhogConfig, cell_histograms, direction_table, fhog
-from people_fusion.cues.heads.head_model import HeadModel, HeadWindow
+from people_fusion.cues.heads.head_model import HeadModel, HeadWindow, LinearModels, window_scores
 
 UNDER_SANITIZERS = """
 import numpy as np
 from people_fusion.cues.heads import native
 from people_fusion.cues.heads.fhog import FhogConfig
-from people_fusion.cues.heads.head_model import HeadModel, HeadWindow
+from people_fusion.cues.heads.head_model import HeadModel, HeadWindow, LinearModels
 
 assert native.is_native()
 rng = np.random.default_rng(0)
@@ -38,11 +38,17 @@ for height, width in [(1, 1), (0, 7), (3, 9), (4, 4), (5, 4), (8, 8), (9, 7), (3
             window = HeadWindow(config, rows, cols, (0, 0, cols, rows))
             weights = rng.normal(size=(rows, cols, config.dimensions)).astype(np.float32)
             native.Scorer([HeadModel(window, weights, 0.0, -1.0, {})] * models).scores(cells)
+            if cells.shape[0] >= rows and cells.shape[1] >= cols:
+                corner = np.array([0, cells.shape[0] - rows]), np.array([0, cells.shape[1] - cols])
+                which = np.array([models - 1, 0])
+                several = LinearModels(np.stack([weights] * models), np.zeros(models, np.float32))
+                native.scores_at(cells, *corner, which, several)
 """
 MUTANTS = {
     "reads beyond the image": ("y < height - 1; y++", "y <= height; y++"),
     "writes beyond the scores": ("if (top < 0 || top >= down) continue;", "if (top < 0) continue;"),
     "reads beyond the weights": ("i < length; i++", "i <= length + LANES; i++"),
+    "reads beyond a window's cells": ("i < whole; i += LANES", "i <= whole + LANES; i += LANES"),
 }
 
 
@@ -274,6 +280,59 @@ def test_kernel_scores_as_numpy(rows, cols, window, models, bins):
     for model, ours in zip(several, scores):
         np.testing.assert_allclose(ours, model.responses(cells), rtol=1e-5, atol=1e-5)
     assert scores.shape == (models, *model.responses(cells).shape)
+
+
+@pytest.mark.usefixtures("kernel")
+@settings(max_examples=60, deadline=None)
+@given(
+    window=st.tuples(st.integers(1, 13), st.integers(1, 13)), models=st.integers(1, 4),
+    bins=st.sampled_from([2, 4, 6, 9]), count=st.integers(0, 50), seed=st.integers(0, 9),
+)  # fmt: skip
+def test_kernel_scores_single_windows_as_numpy(window, models, bins, count, seed):
+    rng = np.random.default_rng(seed)
+    dimensions = FhogConfig(bins=bins).dimensions
+    cells = rng.uniform(0, 0.4, (*(np.array(window) + rng.integers(0, 20, 2)), dimensions)).astype(np.float32)
+    weights = rng.normal(0, 0.05, (models, *window, dimensions)).astype(np.float32)
+    biases = rng.normal(size=models).astype(np.float32)
+    rows, cols = (rng.integers(0, edge - size + 1, count) for edge, size in zip(cells.shape, window))
+    which = rng.integers(0, models, count)
+    several = LinearModels(weights, biases)
+    ours = native.scores_at(cells, rows, cols, which, several)
+    np.testing.assert_allclose(ours, window_scores(cells, rows, cols, which, several), rtol=1e-5, atol=1e-5)
+    for model in range(models):
+        place = HeadWindow(FhogConfig(bins=bins), *window, (0.0, 0.0, 1.0, 1.0))
+        everywhere = HeadModel(place, weights[model], float(biases[model]), -1.0, {}).responses(cells)
+        mine = which == model
+        np.testing.assert_allclose(ours[mine], everywhere[rows[mine], cols[mine]], rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.usefixtures("kernel")
+def test_single_windows_beyond_the_cells_are_refused():
+    cells = np.zeros((9, 9, 22), np.float32)
+    models = LinearModels(np.zeros((2, 8, 8, 22), np.float32), np.zeros(2, np.float32))
+    inside = np.array([1])
+    native.scores_at(cells, inside, inside, inside, models)
+    for beyond in (2, -1):
+        for place in range(3):
+            places = [inside, inside, inside]
+            places[place] = np.array([beyond])
+            with pytest.raises(ValueError, match="beyond"):
+                native.scores_at(cells, *places, models)
+    with pytest.raises(ValueError, match="do not fit"):
+        native.scores_at(cells[:, :, :16], inside, inside, inside, models)
+
+
+def test_a_kernel_of_an_older_build_is_as_none(tmp_path, monkeypatch):
+    source = SOURCE.read_text(encoding="utf-8").replace("fhog_scores_at", "fhog_scores_of_old")
+    (tmp_path / "fhog.c").write_text(source, encoding="utf-8")
+    for variable in ("LD_LIBRARY_PATH", "CMAKE_PREFIX_PATH"):
+        monkeypatch.delenv(variable, raising=False)
+    monkeypatch.setenv(native.VARIABLE, str(compiled(tmp_path, source=tmp_path / "fhog.c")))
+    native._library.cache_clear()
+    try:
+        assert not native.is_native()
+    finally:
+        native._library.cache_clear()
 
 
 def test_models_of_different_windows_are_refused():

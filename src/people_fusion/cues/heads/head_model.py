@@ -8,7 +8,7 @@ import zipfile
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, Mapping, Tuple, Union
+from typing import Any, Dict, Mapping, NamedTuple, Tuple, Union
 
 import numpy as np
 
@@ -125,6 +125,35 @@ def response_shape(features: np.ndarray, window: HeadWindow) -> Tuple[int, int]:
         raise ValueError(f"expected cells (R, C, {window.features.dimensions}), got {features.shape}")
     height, width = features.shape[0] - window.rows + 1, features.shape[1] - window.cols + 1
     return (height, width) if height > 0 and width > 0 else (0, 0)
+
+
+class LinearModels(NamedTuple):
+    """Several models of one window.
+
+    Attributes:
+        weights: (M, rows, cols, D) float32.
+        biases: (M,) float32.
+    """
+
+    weights: np.ndarray
+    biases: np.ndarray
+
+
+def window_scores(
+    features: np.ndarray, rows: np.ndarray, cols: np.ndarray, which: np.ndarray, models: LinearModels
+) -> np.ndarray:
+    """Scores (N,) of single windows, each by a model of its own, eq. 4.1; as definition (`native` has the same in C).
+
+    Args:
+        features: (R, C, D) cells.
+        rows, cols: (N,) upper left cells.
+        which: (N,) index of each window's model.
+        models: M of them.
+    """
+    size = models.weights.shape[1:]
+    cut = [features[row : row + size[0], col : col + size[1]] for row, col in zip(rows.tolist(), cols.tolist())]
+    sums = np.einsum("nrcd,nrcd->n", np.array(cut, dtype=np.float32).reshape(-1, *size), models.weights[which])
+    return np.asarray(models.biases[which] + sums)
 
 
 def load_head_model(name: Union[str, Path]) -> HeadModel:

@@ -12,7 +12,7 @@ import numpy as np
 
 from people_fusion.cues.heads import fhog as definition
 from people_fusion.cues.heads.fhog import FhogConfig, check_pixels, direction_table
-from people_fusion.cues.heads.head_model import HeadModel, response_shape
+from people_fusion.cues.heads.head_model import HeadModel, LinearModels, response_shape, window_scores
 
 LIBRARY = "libpeople_fusion_fhog.so"
 VARIABLE = "PEOPLE_FUSION_NATIVE"  # directory of the library, for those who have sourced no workspace
@@ -95,6 +95,42 @@ class Scorer:
         return scores
 
 
+def scores_at(
+    features: np.ndarray, rows: np.ndarray, cols: np.ndarray, which: np.ndarray, models: LinearModels
+) -> np.ndarray:
+    """As `head_model.window_scores`, to 1e-5 of the largest sum.
+
+    Raises:
+        ValueError: a window is not within the cells, or there is no such model.
+    """
+    weights, biases = (np.ascontiguousarray(each, dtype=np.float32) for each in models)
+    if features.shape[2] != weights.shape[3] or len(biases) != len(weights):
+        raise ValueError(f"models of {weights.shape} and {len(biases)} biases do not fit cells of {features.shape}")
+    lasts = features.shape[0] - weights.shape[1], features.shape[1] - weights.shape[2], len(weights) - 1
+    for places, last in zip((rows, cols, which), lasts):
+        if places.shape != rows.shape or (places.size and not (places.min() >= 0 and places.max() <= last)):
+            raise ValueError(f"windows beyond cells of {features.shape} or models of {weights.shape}")
+    library = _library()
+    if library is None:
+        return window_scores(features, rows, cols, which, models)
+    features = np.ascontiguousarray(features, dtype=np.float32)
+    tops, lefts, numbers = (np.ascontiguousarray(each, dtype=np.int32) for each in (rows, cols, which))
+    scores = np.empty(len(rows), dtype=np.float32)
+    library.fhog_scores_at(
+        features.ctypes.data,
+        *features.shape[1:],
+        tops.ctypes.data,
+        lefts.ctypes.data,
+        numbers.ctypes.data,
+        len(scores),
+        weights.ctypes.data,
+        biases.ctypes.data,
+        *weights.shape[1:3],
+        scores.ctypes.data,
+    )
+    return scores
+
+
 def _check(result: int) -> None:
     if result:
         raise MemoryError("the FHOG kernel got no memory")
@@ -106,14 +142,20 @@ def _library() -> Optional[ctypes.CDLL]:
         path = folder / LIBRARY
         if path.is_file():
             try:
-                library = ctypes.CDLL(str(path))
-            except OSError:  # of another machine
+                return _with_arguments(ctypes.CDLL(str(path)))
+            except (OSError, AttributeError):  # of another machine, of an older build
                 continue
-            pointer, number = ctypes.c_void_p, ctypes.c_int
-            library.fhog_cells.argtypes = [pointer, number, number, ctypes.c_ssize_t, *[number] * 4, pointer, pointer]
-            library.fhog_scores.argtypes = [pointer, *[number] * 3, pointer, pointer, *[number] * 4, pointer]
-            return library
     return None
+
+
+def _with_arguments(library: ctypes.CDLL) -> ctypes.CDLL:
+    pointer, number = ctypes.c_void_p, ctypes.c_int
+    library.fhog_cells.argtypes = [pointer, number, number, ctypes.c_ssize_t, *[number] * 4, pointer, pointer]
+    library.fhog_scores.argtypes = [pointer, *[number] * 3, pointer, pointer, *[number] * 4, pointer]
+    places = [pointer, number, number, pointer, pointer, pointer, number]
+    library.fhog_scores_at.argtypes = [*places, pointer, pointer, number, number, pointer]
+    library.fhog_scores_at.restype = None
+    return library
 
 
 def _folders() -> Iterator[Path]:
