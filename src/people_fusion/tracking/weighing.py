@@ -23,7 +23,7 @@ class Belief:
         weights: (T, N), of each track they sum to 1.
         means: (T, D) and covariances (T, D, D) of the particles.
         confirmed: (T,) bool, whether the track is reported as a person.
-        memory: (T, K) float32, what this model remembers of each track; zero when a track begins.
+        memory: (T, K) what this model remembers of each track: zeros when a track begins, K = 0 before it has learnt.
     """
 
     states: np.ndarray
@@ -88,12 +88,10 @@ class MeasurementModel(abc.ABC):
 
     Attributes:
         after_weighing: whether detections are assigned to the tracks as they are after weighing, too.
-        memory: K, floats remembered of each track.
         starts: whether its detections start tracks, and confirm them.
     """
 
     after_weighing: ClassVar[bool] = False
-    memory: int = 0
     starts: bool
 
     @abc.abstractmethod

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Tuple
 
 import numpy as np
 
 from people_fusion.association.methods.greedy import Greedy, GreedyConfig
 from people_fusion.core.config import parameter, section
-from people_fusion.core.head_scores import SCORES, HeadScores
+from people_fusion.core.head_scores import FEATURES, SCORES, HeadScores
 from people_fusion.core.measurements import Measurement
 from people_fusion.core.poses import point_jacobians
+from people_fusion.cues.heads.appearance import AppearanceConfig, is_learnt, learn, length, scores_of
 from people_fusion.cues.heads.boxes import overlaps
-from people_fusion.cues.heads.places import Seen, scores_at, seen
+from people_fusion.cues.heads.places import Places, Seen, interpolated, places_of, seen
 from people_fusion.filtering.particles import root
 from people_fusion.tracking.models.gaussian import (
     GaussianModel,
@@ -28,8 +30,13 @@ class HeadScoreModelConfig:
     """What an image says of a person, seen or not."""
 
     visible_probability: float = parameter(0.7, "p(v): that a person is to be seen by the camera", low=0.0, high=1.0)
-    hidden_likelihood: float = parameter(0.2, "p(z | x, not v), of whoever is not to be seen", low=1e-6, high=1.0)
+    hidden_likelihood: float = parameter(
+        0.05, "p(z | x, not v): of whoever is not to be seen, as much as where there is no head", low=1e-6, high=1.0
+    )
     threshold: float = parameter(-1.0, "score of a track's head from which it is there, detected or not")
+    adaptive: bool = parameter(False, "learn how each person looks, and look for that, too (H2A)")
+    own_threshold: float = parameter(0.0, "`threshold` by a person's own looks, once these are learnt")
+    appearance: AppearanceConfig = section(AppearanceConfig, "how looks are learnt")
     overlap: float = parameter(0.2, "of a track's head and a detection's box, from which both may be one", 0.0, 1.0)
     without_scores: GaussianModelConfig = section(GaussianModelConfig, "detections that come without scores")
 
@@ -39,11 +46,11 @@ class HeadScoreModel(MeasurementModel):
     """See the module. Where a cue gives no scores, its detections are taken as Gaussians."""
 
     after_weighing = True
-    scores = SCORES
     starts = True
 
     def __init__(self, config: HeadScoreModelConfig) -> None:
         self.config = config
+        self.scores = FEATURES if config.adaptive else SCORES
         self._gaussian = GaussianModel(config.without_scores)
         self._assignment = Greedy(GreedyConfig())
 
@@ -72,7 +79,8 @@ class HeadScoreModel(MeasurementModel):
         if scores is None:
             return self._gaussian.weigh(belief, measurement, pairing, rng)
         boxes = seen(scores, _as_seen(scores, belief.states[..., :3].reshape(-1, 3), rng))
-        likely = self._likelihoods(belief, scores, boxes).reshape(belief.weights.shape)
+        places = Places(*(column.reshape(belief.weights.shape) for column in places_of(scores, boxes)))
+        likely = _likelihoods(scores, *self._scores(belief, scores, places))
         mixed = config.visible_probability * likely + (1.0 - config.visible_probability) * config.hidden_likelihood
         return np.log(np.where(np.isnan(likely), config.hidden_likelihood, mixed))
 
@@ -81,26 +89,53 @@ class HeadScoreModel(MeasurementModel):
         scores = measurement.scores
         if scores is None:
             return self._gaussian.visible(belief, measurement, pairing)
-        at_means = self._scores(belief, scores, seen(scores, belief.means[:, :3]))
+        of_class, own = self._scores(belief, scores, _places_of_means(belief, scores))
         with np.errstate(invalid="ignore"):
-            return np.asarray(pairing.detected | (at_means > self.config.threshold))
+            there = np.where(np.isnan(own), of_class > self.config.threshold, own > self.config.own_threshold)
+        return np.asarray(pairing.detected | there[:, 0])
+
+    def learn(
+        self, belief: Belief, measurement: Measurement, visible: np.ndarray, rng: np.random.Generator
+    ) -> np.ndarray:
+        """How those look who are confirmed and to be seen (7.3)."""
+        scores = measurement.scores
+        if not self.config.adaptive or scores is None or not scores.has_features or len(belief) == 0:
+            return belief.memory
+        size = length(scores.window, scores.layers[0].features.shape[2])
+        models = belief.memory
+        if models.shape[1] != size:  # none yet, or of another detector
+            models = np.zeros((len(belief), size), dtype=np.float32)
+        places = _places_of_means(belief, scores)
+        layers = np.where(visible & belief.confirmed, places.layers[:, 0], -1)
+        return learn(models, scores, Places(layers, places.rows[:, 0], places.cols[:, 0]), self.config.appearance, rng)
 
     def initiate(self, belief: Belief, measurement: Measurement, pairing: Pairing) -> Births:
         """Detections of nobody."""
         return self._gaussian.initiate(belief, measurement, pairing)
 
-    def _likelihoods(self, belief: Belief, scores: HeadScores, boxes: Seen) -> np.ndarray:  # noqa: ARG002
-        """(T * N,) p(z | x, v) of eq. 7.4; NaN where nothing was scored."""
-        return probabilities(scores, scores_at(scores, boxes.middles, boxes.heights))
+    def _scores(self, belief: Belief, scores: HeadScores, places: Places) -> Tuple[np.ndarray, np.ndarray]:
+        """(T, N) scores of places by the class and by each person's own model; NaN where there is none."""
+        of_class = interpolated([layer.scores for layer in scores.layers], _flat(places)).reshape(places.layers.shape)
+        own = np.full(places.layers.shape, np.nan)
+        if scores.has_features and belief.memory.shape[1]:
+            known = is_learnt(belief.memory)
+            own[known] = scores_of(belief.memory[known], scores, Places(*(column[known] for column in places)))
+        return of_class, own
 
-    def _scores(self, belief: Belief, scores: HeadScores, boxes: Seen) -> np.ndarray:  # noqa: ARG002
-        """(T,) scores of the tracks' heads; NaN where nothing was scored."""
-        return scores_at(scores, boxes.middles, boxes.heights)
+
+def _likelihoods(scores: HeadScores, of_class: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """p(z | x, v): eq. 7.5 where a person's own looks are known, eq. 7.4 where not; NaN where nothing was scored."""
+    p_c, p_i = (1.0 / (1.0 + np.exp(np.clip(scores.platt_slope * each, -500.0, 500.0))) for each in (of_class, own))
+    return np.where(np.isnan(p_i), p_c, np.sqrt(p_c * p_i))
 
 
-def probabilities(scores: HeadScores, values: np.ndarray) -> np.ndarray:
-    """Of a head at each score, eq. 4.2; NaN stays."""
-    return np.asarray(1.0 / (1.0 + np.exp(np.clip(scores.platt_slope * values, -500.0, 500.0))))
+def _places_of_means(belief: Belief, scores: HeadScores) -> Places:
+    """(T, 1) where the tracks' heads are expected."""
+    return Places(*(column[:, None] for column in places_of(scores, seen(scores, belief.means[:, :3]))))
+
+
+def _flat(places: Places) -> Places:
+    return Places(*(column.ravel() for column in places))
 
 
 def _as_seen(scores: HeadScores, heads: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -108,7 +108,7 @@ class ParticleTracker(Tracker):
         duration_s, age_s = self._predict(measurement.stamp_ns)
         model = self._models.get(measurement.modality, self._other)
         pairing = self._weigh(model, measurement, age_s)
-        belief = self._belief(measurement.modality, model, age_s)
+        belief = self._belief(measurement.modality, age_s)
         if model.after_weighing:
             pairing = model.associate(belief, measurement)
         seen = model.visible(belief, measurement, pairing)
@@ -198,7 +198,7 @@ class ParticleTracker(Tracker):
     def _weigh(self, model: MeasurementModel, measurement: Measurement, age_s: float) -> Pairing:
         """Weigh all particles, draw anew where few are left, and say again what the tracks are."""
         self._summarise()
-        belief = self._belief(measurement.modality, model, age_s)
+        belief = self._belief(measurement.modality, age_s)
         pairing = model.associate(belief, measurement)
         state = self._state
         if len(belief):
@@ -223,9 +223,7 @@ class ParticleTracker(Tracker):
         offset_std = self.config.offset_stds.get(measurement.modality, 0.0)
         floor[hit] = slow_errors(measurement, offset_std, with_shared=True)[rows]
         seen_ns = np.where(seen, np.maximum(table.seen_ns, measurement.stamp_ns), table.seen_ns)
-        memories = dict(state.memories)
-        if model.memory:
-            memories[measurement.modality] = model.learn(belief, measurement, seen, self._rng)
+        memories = {**state.memories, measurement.modality: model.learn(belief, measurement, seen, self._rng)}
         table = dataclasses.replace(table, shared_floor=floor, seen_ns=seen_ns)
         self._state = dataclasses.replace(state, table=table, memories=memories)
 
@@ -323,12 +321,10 @@ class ParticleTracker(Tracker):
 
     # Parts of the steps
 
-    def _belief(self, modality: str, model: MeasurementModel, age_s: float) -> Belief:
+    def _belief(self, modality: str, age_s: float) -> Belief:
         """The tracks as they were when a late measurement was made, by each particle's velocity."""
         state, table = self._state, self._state.table
-        memory = state.memories.get(modality)
-        if memory is None:
-            memory = np.zeros((len(table), model.memory), dtype=np.float32)
+        memory = state.memories.get(modality, np.zeros((len(table), 0), dtype=np.float32))
         states, means = state.states, table.means
         if age_s > 0:
             states, means = states.copy(), means.copy()
@@ -345,16 +341,13 @@ class ParticleTracker(Tracker):
 
     def _initial_state(self) -> _State:
         size, dimension = self.config.particles, self._motion.dimension
-        memories = {
-            name: np.zeros((0, model.memory), dtype=np.float32) for name, model in self._models.items() if model.memory
-        }
         return _State(
             stamp_ns=None,
             table=TrackTable.empty(dimension, self._lifecycle.memory),
             states=np.zeros((0, size, dimension)),
             weights=np.zeros((0, size)),
             walks=np.zeros((0, size), dtype=bool),
-            memories=memories,
+            memories={},
             generator=self._beginning,
         )
 
