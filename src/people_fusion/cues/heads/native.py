@@ -152,9 +152,9 @@ def _with_arguments(library: ctypes.CDLL) -> ctypes.CDLL:
     pointer, number = ctypes.c_void_p, ctypes.c_int
     library.fhog_cells.argtypes = [pointer, number, number, ctypes.c_ssize_t, *[number] * 4, pointer, pointer]
     library.fhog_scores.argtypes = [pointer, *[number] * 3, pointer, pointer, *[number] * 4, pointer]
-    places = [pointer, number, number, pointer, pointer, pointer, number]
-    library.fhog_scores_at.argtypes = [*places, pointer, pointer, number, number, pointer]
-    library.fhog_scores_at.restype = None
+    at = library.fhog_scores_at
+    at.argtypes = [pointer, *[number] * 2, *[pointer] * 3, number, *[pointer] * 2, *[number] * 2, pointer]
+    at.restype = None
     return library
 
 
