@@ -120,6 +120,8 @@ class Session:
             self._feeders[sources.map.name] = self._feed_map
         for camera in sources.cameras:
             looks = [build_head_cue(config, key, camera.name) for key in config.head_cues]
+            for cue in looks:
+                cue.set_scores(self.fusion.scores)
             self._cues += looks
             self._feeders[camera.image.name] = partial(self._feed_image, camera, looks)
             if camera.info is not None:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import abc
-from typing import ClassVar, Iterator, NamedTuple, Sequence
+from typing import ClassVar, Iterator, NamedTuple, Optional, Sequence
 
 import numpy as np
 
+from people_fusion.core.head_scores import NO_SCORES, HeadScores
 from people_fusion.core.images import Image
 from people_fusion.core.registry import Registry
 from people_fusion.cues.heads.boxes import BoxConfig, Boxes, best_of_overlapping
@@ -141,6 +142,8 @@ class Detector(abc.ABC):
             modality.
         needs_rest: whether it compares images that follow each other, so that the camera must stand still.
         box: what its boxes hold, in metres.
+        wanted_scores: what `scores` is to give: NO_SCORES, SCORES or FEATURES of core.head_scores; of most detectors
+            there are none.
 
     Args (of every detector's constructor):
         config: its frozen config dataclass.
@@ -149,6 +152,7 @@ class Detector(abc.ABC):
     part: ClassVar[str]
     needs_rest: ClassVar[bool] = False
     box: BoxConfig
+    wanted_scores: str = NO_SCORES
 
     @abc.abstractmethod
     def detect(self, image: Image, search: Search) -> Boxes:
@@ -162,6 +166,15 @@ class Detector(abc.ABC):
         Raises:
             DataError: the image is unusable; the detector is unharmed.
         """
+
+    def scores(self, image: Image, boxes: Boxes) -> Optional[HeadScores]:  # noqa: ARG002
+        """What its model says of every window of the last image.
+
+        Args:
+            image: the same that was given to `detect`.
+            boxes: finds in it that are taken for people.
+        """
+        return None
 
     def reset(self) -> None:
         """Forget what was seen: time has jumped."""

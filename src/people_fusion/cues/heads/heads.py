@@ -103,6 +103,10 @@ class HeadCue(Cue):
         """See Cue."""
         self._tracks = tracks
 
+    def set_scores(self, wanted: str) -> None:
+        """See Cue; of a detector that has no scores there are none."""
+        self._detector.wanted_scores = wanted
+
     def reset(self) -> None:
         """See Cue."""
         self._periods.reset()
@@ -140,6 +144,7 @@ class HeadCue(Cue):
             observed=XYZ_OBSERVED,
             period_s=self._periods.note(data.stamp_ns) or UNKNOWN_PERIOD_S,
             sequence=self._sequence,
+            scores=self._detector.scores(data, boxes.take(kept)),
         )
 
     def _search(self, image: Image, transforms: TransformSource, rotation: np.ndarray, height: float) -> Search:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, List, Optional, Tuple
 
 import numpy as np
 
 from people_fusion.core.config import parameter, section
+from people_fusion.core.head_scores import FEATURES, NO_SCORES, HeadScores, ScoreLayer, ScoreWindow
 from people_fusion.core.images import Image
 from people_fusion.cues.heads.boxes import BoxConfig, Boxes
 from people_fusion.cues.heads.detector import DETECTORS, Detector, Search, gathered
 from people_fusion.cues.heads.head_model import load_head_model
 from people_fusion.cues.heads.native import Scorer, is_native
-from people_fusion.cues.heads.pyramid import LAYERS, OVERLAP, best, candidates, refined, searched_pyramid
+from people_fusion.cues.heads.pyramid import LAYERS, OVERLAP, Layer, best, candidates, refined, searched_pyramid
 
 INSIDE = 0.5  # of a find within a better, larger one: a face, an ear, not another head
 
@@ -47,6 +48,7 @@ class FhogHead(Detector):
         self.model = load_head_model(config.model)
         self.is_native = is_native()
         self._scorer = Scorer([self.model])
+        self._seen: Optional[Tuple[int, List[Layer], List[np.ndarray]]] = None
 
     def detect(self, image: Image, search: Search) -> Boxes:
         """See Detector."""
@@ -58,6 +60,7 @@ class FhogHead(Detector):
         shift = np.array([beyond, 0.0, beyond, 0.0])
         cells = searched_pyramid(grey, window, search._replace(corners=search.corners + shift), self.config.layers)
         scores = [self._scorer.scores(layer.features)[0] for layer in cells]
+        self._seen = (beyond, cells, scores) if self.wanted_scores != NO_SCORES else None
         windows = candidates(window, cells, scores, self.config.threshold)
         windows = windows.take(best(windows))
         corners = refined(window, cells, scores, windows) - shift
@@ -67,3 +70,30 @@ class FhogHead(Detector):
             corners[:, [0, 2]] = np.clip(corners[:, [0, 2]], 0.0, cols)
         finds = Boxes(corners, windows.scores.astype(float), self.model.confidences(windows.scores))
         return gathered([finds], image, search, OVERLAP, INSIDE)
+
+    def scores(self, image: Image, boxes: Boxes) -> Optional[HeadScores]:
+        """See Detector."""
+        if self._seen is None:
+            return None
+        beyond, cells, scores = self._seen
+        window, with_features = self.model.window, self.wanted_scores == FEATURES
+        nothing = np.zeros((0, 0, window.features.dimensions), dtype=np.float32)
+        return HeadScores(
+            camera=image.camera,
+            window=ScoreWindow(window.rows, window.cols, window.features.cell, window.box),
+            platt_slope=self.model.platt_slope,
+            height=self.box.height,
+            head_above=self.box.head_above,
+            beyond=beyond,
+            layers=tuple(
+                ScoreLayer(layer.scale, layer.row, layer.col, here, layer.features if with_features else nothing)
+                for layer, here in zip(cells, scores)
+                if here.size
+            ),
+            corners=boxes.corners,
+            box_scores=boxes.scores,
+        )
+
+    def reset(self) -> None:
+        """See Detector."""
+        self._seen = None
