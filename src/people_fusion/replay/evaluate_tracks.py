@@ -15,15 +15,23 @@ from people_fusion.core.tracks import Tracks
 from people_fusion.core.transforms import TransformTree
 from people_fusion.evaluation.clear_mot import THRESHOLD_M
 from people_fusion.evaluation.report import run_report
-from people_fusion.replay.conversions import links, occupancy_grid
+from people_fusion.replay.conversions import occupancy_grid
 from people_fusion.replay.discovery import find_ground_truth
 from people_fusion.replay.ground_truth import Instant, read_ground_truth
+from people_fusion.replay.image_plane import EVERYTHING_S, all_transforms, read_view, score_in_image
 from people_fusion.replay.recording import Recording
 from people_fusion.replay.replay import Selection, score
-from people_fusion.replay.results import figures, guarded, positive, print_scores, save_report, write_json
+from people_fusion.replay.results import (
+    figures,
+    guarded,
+    image_figures,
+    positive,
+    print_scores,
+    save_report,
+    write_json,
+)
 from people_fusion.replay.track_bag import PREDICTION_LIMIT_NS, TRACKS_TOPIC, predicted, read_tracks
-
-EVERYTHING_S = 1e9  # history of transforms
+from people_fusion.tracking.fusion import load_config
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
@@ -51,9 +59,15 @@ def run(options: argparse.Namespace, notes: Console) -> None:
     samples = sample(tracks, instants, transforms)
     notes.print(f"{len(samples)} of {len(instants)} annotated instants lie within the tracks", highlight=False)
     truth, estimates, evaluation = score(samples, selection) if samples else (None, None, None)
-    print_scores(options.bag.stem, evaluation)
+    in_image = None
+    if options.image is not None:
+        view = read_view(options.truth or options.bag, options.image, load_config(options.config).panoramas)
+        in_image, missing = score_in_image(samples, view, options.only_annotated)
+        if missing:
+            notes.print(f"{missing} annotated instants without the camera's place", highlight=False)
+    print_scores(options.bag.stem, evaluation, options.image, in_image)
     if options.json is not None:
-        write_json(options.json, figures(evaluation))
+        write_json(options.json, {**figures(evaluation), **image_figures(options.image, in_image)})
     if options.report is not None:
         if truth is None or estimates is None or evaluation is None:
             raise RecordingError(f"{options.report}: nothing is annotated, so there is nothing to report")
@@ -89,13 +103,7 @@ def read_truth(path: Path, topic: Optional[str], frame_id: str) -> Tuple[List[In
         instants = read_ground_truth(recording, found, recording.of_kind("LaserScan"))
         transforms = TransformTree(EVERYTHING_S)
         if any(instant.frame_id != frame_id for instant in instants):
-            for recorded in recording.messages(recording.of_kind("TFMessage", "tfMessage")):
-                for link in links(recorded.read()):
-                    try:
-                        is_static = recorded.topic.endswith("tf_static")
-                        transforms.add(link.parent, link.child, link.stamp_ns, link.pose(), static=is_static)
-                    except DataError:
-                        continue  # the recording's replay counts them
+            transforms = all_transforms(recording)
     return instants, transforms
 
 
@@ -131,6 +139,12 @@ def _parser() -> argparse.ArgumentParser:
     add("--truth", type=Path, metavar="BAG", help="recording with annotated people (default: the same bag)")
     add("--tracks", default=TRACKS_TOPIC, metavar="TOPIC", help="topic of the tracks (default %(default)s)")
     add("--ground-truth", metavar="TOPIC", help="topic of the annotated people (default: found by name and type)")
+    add(
+        "--image",
+        metavar="TOPIC",
+        help="score people as boxes in this camera's images too (Volkhardt et al. 2013): overlap of 0.25 and more",
+    )
+    add("--config", metavar="FILE", help="preset that describes panoramas, with --image (default: default)")
     add("--json", type=Path, metavar="FILE", help="write the table")
     add("--report", type=Path, metavar="DIR", help="write an HTML report with plots")
     add("--only-annotated", action="store_true", help="not everybody is annotated: count no false positives")

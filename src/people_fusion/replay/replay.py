@@ -18,6 +18,7 @@ from people_fusion.evaluation.evaluate import Evaluation, evaluate
 from people_fusion.evaluation.truth import Estimates, Truth
 from people_fusion.replay.discovery import Sources, discover
 from people_fusion.replay.ground_truth import Instant, read_ground_truth
+from people_fusion.replay.image_plane import View, read_view, score_in_image
 from people_fusion.replay.recording import Recording
 from people_fusion.replay.sampling import Sampler, together
 from people_fusion.replay.session import Session, Update
@@ -38,6 +39,7 @@ class Selection:
         duration_s: seconds, None to the end.
         only_annotated: not everybody is annotated: false positives are not counted.
         threshold_m: largest distance of a person and his track.
+        image: topic of a camera's images in which people are scored too; None: on the floor alone.
     """
 
     scans: Tuple[str, ...] = ()
@@ -48,6 +50,7 @@ class Selection:
     duration_s: Optional[float] = None
     only_annotated: bool = False
     threshold_m: float = THRESHOLD_M
+    image: Optional[str] = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +65,7 @@ class Outcome:
         truth, estimates: annotated and reported people, or None without ground truth.
         evaluation: scores, or None without ground truth.
         grid: map of the recording, or None.
+        in_image: scores in the selection's image, or None.
     """
 
     sources: Sources
@@ -73,6 +77,7 @@ class Outcome:
     estimates: Optional[Estimates]
     evaluation: Optional[Evaluation]
     grid: Optional[OccupancyGrid]
+    in_image: Optional[Evaluation] = None
 
 
 def sources_of(recording: Recording, config: FusionConfig, selection: Selection) -> Sources:
@@ -123,6 +128,9 @@ def replay(
     with ExitStack() as stack:
         recording = stack.enter_context(Recording(path))
         check_window(recording, selection)
+        view: Optional[View] = None
+        if selection.image is not None:
+            view = read_view(path, selection.image, config.panoramas)
         sources = sources_of(recording, config, selection)
         if found is not None:
             found(sources)
@@ -164,6 +172,11 @@ def replay(
                 f"with {sources.frames.world}"
             )
     truth, estimates, evaluation = score(sampler.samples, selection) if sampler.samples else (None, None, None)
+    in_image = None
+    if view is not None:
+        in_image, missing = score_in_image(sampler.samples, view, selection.only_annotated)
+        if missing:
+            counters["annotated instants without the camera's place"] = missing
     return Outcome(
         sources,
         session.recorded_s,
@@ -174,6 +187,7 @@ def replay(
         estimates,
         evaluation,
         session.grid,
+        in_image,
     )
 
 

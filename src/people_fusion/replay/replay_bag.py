@@ -19,7 +19,16 @@ from people_fusion.evaluation.report import run_report, unscored_report
 from people_fusion.replay.discovery import Sources
 from people_fusion.replay.misses import Scenes, save_misses
 from people_fusion.replay.replay import Outcome, Selection, replay
-from people_fusion.replay.results import figures, guarded, positive, print_scores, save_report, settings, write_json
+from people_fusion.replay.results import (
+    figures,
+    guarded,
+    image_figures,
+    positive,
+    print_scores,
+    save_report,
+    settings,
+    write_json,
+)
 from people_fusion.replay.sampling import Sightings
 from people_fusion.replay.session import Session, Update
 from people_fusion.tracking.fusion import load_config
@@ -50,6 +59,7 @@ def run(options: argparse.Namespace, notes: Console) -> None:
         duration_s=options.duration,
         only_annotated=options.only_annotated,
         threshold_m=positive("--threshold", options.threshold),
+        image=options.image,
     )
     columns = (
         TextColumn("{task.description}"),
@@ -86,6 +96,7 @@ def run(options: argparse.Namespace, notes: Console) -> None:
         wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
     result = {
         **figures(outcome.evaluation),
+        **image_figures(options.image, outcome.in_image),
         "realtime_factor": outcome.recorded_s / wall_s,
         "cpu_ms_per_scan": 1000.0 * cpu_s / outcome.scans,
         "recorded_s": outcome.recorded_s,
@@ -95,7 +106,7 @@ def run(options: argparse.Namespace, notes: Console) -> None:
         "taken": list(outcome.sources.notes),
     }
     name = Path(options.config or "default").stem
-    print_scores(name, outcome.evaluation)
+    print_scores(name, outcome.evaluation, options.image, outcome.in_image)
     for line in _lines(outcome, result):
         print(line)
     if options.json is not None:
@@ -187,6 +198,11 @@ def _parser() -> argparse.ArgumentParser:
     add("--scan", metavar="TOPIC", nargs="+", action="extend", default=[], help="default: one of each scanner")
     add("--world-frame", metavar="FRAME", help="frame of the tracks (default: map, else odom, else the scanner's)")
     add("--ground-truth", metavar="TOPIC", help="annotated people (default: found by name and type)")
+    add(
+        "--image",
+        metavar="TOPIC",
+        help="score people as boxes in this camera's images too (Volkhardt et al. 2013): overlap of 0.25 and more",
+    )
     add("--odometry", metavar="TOPIC", help="where tf lacks odom to base (default: found by type), or `none`")
     add_processing(parser)
     add("--start", type=float, default=0.0, metavar="S", help="seconds to leave out at the beginning")

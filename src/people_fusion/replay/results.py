@@ -23,12 +23,17 @@ def figures(evaluation: Optional[Evaluation]) -> Dict[str, Any]:
     return evaluation.to_dict()
 
 
-def print_scores(name: str, evaluation: Optional[Evaluation]) -> None:
-    """The CLEAR-MOT table, or a line that says why there is none."""
+def print_scores(
+    name: str, evaluation: Optional[Evaluation], image: Optional[str] = None, in_image: Optional[Evaluation] = None
+) -> None:
+    """The CLEAR-MOT table, with a row for what was scored in an image; or a line that says why there is none."""
     if evaluation is None:
         print("nothing is annotated, nothing is scored")
         return
-    print(score_table({name: evaluation.scores}).as_text())
+    rows = {name: evaluation.scores}
+    if in_image is not None:
+        rows[f"  in {image}"] = in_image.scores
+    print(score_table(rows).as_text())
     print()
     print(count_table(evaluation.scores).as_text())
 
@@ -46,6 +51,11 @@ def settings(config: Any) -> Dict[str, Any]:
         else:
             mapping[field.name] = {"type": registry.name_of(value), **settings(value)}
     return mapping
+
+
+def image_figures(image: Optional[str], evaluation: Optional[Evaluation]) -> Dict[str, Any]:
+    """What JSON says of an image: nothing, if none was asked for."""
+    return {} if image is None else {"image": {"topic": image, **figures(evaluation)}}
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
