@@ -95,6 +95,44 @@ def test_pillars_hide_heads_as_far_as_they_are_wide(pillar, least, most):
     assert least <= visibility <= most
 
 
+def box(front, height):
+    outline = [[front, -1.0], [front + 0.5, -1.0], [front + 0.5, 1.0], [front, 1.0]]
+    return {"points": outline, "closed": True, "height": height}
+
+
+@pytest.mark.parametrize("kind", ["box", "pedestal"])
+def test_cameras_look_over_what_is_low_and_lasers_do_not(kind):
+    def seen(height):
+        low = (
+            {"walls": HALL["walls"] + [box(1.0, height)]}
+            if kind == "box"
+            else {**HALL, "pillars": [{"at": [1.2, 0.0], "radius": 0.3, "height": height}]}
+        )
+        return taken(people_at([(2.0, 0.0)], {**CAMERAS["panorama"], **CLEAR}, room=low)).heads.visibility[0]
+
+    assert seen(1.2) == pytest.approx(1.0, abs=0.01)
+    assert seen(2.8) == 0.0
+    assert 0.05 < seen(1.67) < 0.95
+
+
+def test_a_low_box_has_a_front_and_a_top_and_ends_where_it_ends():
+    room = {"walls": HALL["walls"] + [box(2.0, 1.0)]}
+    camera = people_at([(-3.0, 0.0)], {**CAMERAS["panorama"], **CLEAR}, room=room).cameras[0]
+    bare = people_at([(-3.0, 0.0)], {**CAMERAS["panorama"], **CLEAR}).cameras[0]
+    pose = np.zeros(3)
+    hidden = camera._room.paint(pose).distances
+    column = camera.camera.width // 2
+    heights = camera._height + hidden[:, column] * camera._room._slopes[:, column]
+    on_front, on_top = (
+        np.isclose(hidden[:, column], 2.0, atol=0.01),
+        np.isclose(heights, 1.0, atol=0.01) & (hidden[:, column] < 5.0),
+    )
+    assert on_front.any() and on_top.any()
+    assert hidden[on_top, column].max() < 2.51 and hidden[on_top, column].min() > 1.99
+    over = ~(on_front | on_top)
+    np.testing.assert_allclose(hidden[over, column], bare._room.paint(pose).distances[over, column])
+
+
 def test_heads_at_the_image_edge_are_seen_in_part_and_those_behind_not_at_all():
     half = {**DISTORTED, **CLEAR, "yaw": 0.6, "pitch": 0.0, "pinhole": {"field": 1.2}}
     heads = taken(people_at([(2.0, 0.0), (-2.0, 1.0)], half)).heads

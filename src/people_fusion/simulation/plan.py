@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import List, Optional, Tuple
+from typing import List, NamedTuple, Optional, Tuple
 
 import numpy as np
 from scipy import ndimage
@@ -16,6 +16,7 @@ from people_fusion.core.poses import Pose
 from people_fusion.simulation import planar
 
 Point = Tuple[float, float]
+CEILING_M = 2.8
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,7 @@ class WallConfig:
     points: Tuple[Point, ...] = parameter((), "corners in order, metres")
     closed: bool = parameter(False, "whether the last corner is joined to the first")
     mapped: bool = parameter(True, "whether the robot's map has it")
+    height: float = parameter(CEILING_M, "cameras look over what is lower, metres", 0.5, CEILING_M)
 
     def __post_init__(self) -> None:
         if len(self.points) < 2:
@@ -38,6 +40,7 @@ class PillarConfig:
     at: Point = parameter((0.0, 0.0), "centre, metres")
     radius: float = parameter(0.2, "metres", low=0.005)
     mapped: bool = parameter(True, "whether the robot's map has it")
+    height: float = parameter(CEILING_M, "as of walls, metres", 0.5, CEILING_M)
 
 
 @dataclass(frozen=True)
@@ -75,6 +78,19 @@ class MapFileConfig:
     mode: str = parameter("trinary", "only `trinary` is read", choices=("trinary",))
 
 
+class Low(NamedTuple):
+    """Something convex over which a camera may look.
+
+    Attributes:
+        height: metres.
+        segments, circles: which of the plan it is made of.
+    """
+
+    height: float
+    segments: np.ndarray
+    circles: np.ndarray
+
+
 class Plan:
     """What stands still.
 
@@ -82,6 +98,7 @@ class Plan:
         segments: (S, 2, 2) metres.
         centres, radii: (C, 2), (C,) of circles, metres.
         mapped_segments, mapped_circles: (S,), (C,) whether the robot's map has them.
+        low: things that do not reach the ceiling. Lasers do not ask how high anything is.
     """
 
     def __init__(self, config: RoomConfig) -> None:
@@ -93,6 +110,13 @@ class Plan:
         self.mapped_segments = np.repeat([mapped for _, mapped in pieces], [len(piece) for piece, _ in pieces]).astype(
             bool
         )
+        starts = np.cumsum([0] + [len(piece) for piece, _ in pieces])
+        walls = [
+            Low(wall.height, np.arange(start, stop), np.arange(0))
+            for wall, start, stop in zip(config.walls, starts, starts[1:])
+        ]
+        pillars = [Low(pillar.height, np.arange(0), np.array([row])) for row, pillar in enumerate(config.pillars)]
+        self.low = [thing for thing in walls + pillars if thing.height < CEILING_M]
         circles = [(pillar.at, pillar.radius, pillar.mapped) for pillar in config.pillars]
         for item in config.furniture:
             corners = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * np.array(item.size) / 2.0

@@ -48,6 +48,16 @@ def cast(
     return ranges, np.where(np.isfinite(ranges), hits, -1), cosines
 
 
+def leave(
+    origins: np.ndarray, directions: np.ndarray, segments: np.ndarray, centres: np.ndarray, radii: np.ndarray
+) -> np.ndarray:
+    """(B,) where each beam has passed everything that it hits, -inf where it hits nothing; arguments as of `cast`."""
+    near = _to_circles(origins, directions, centres, radii)
+    along = np.einsum("bci,bi->bc", centres - origins[:, None], directions)
+    distances = np.concatenate([_to_segments(origins, directions, segments), 2.0 * along - near], axis=1)
+    return np.asarray(np.where(np.isfinite(distances), distances, -np.inf).max(axis=1, initial=-np.inf))
+
+
 def _to_segments(origins: np.ndarray, directions: np.ndarray, segments: np.ndarray) -> np.ndarray:
     """(B, S) distance along each beam, +inf where it misses."""
     along = segments[:, 1] - segments[:, 0]

@@ -8,10 +8,11 @@ import numpy as np
 
 from people_fusion.core.cameras import Camera
 from people_fusion.simulation import planar, rays
-from people_fusion.simulation.plan import Plan
+from people_fusion.simulation.plan import CEILING_M, Low, Plan
 
-CEILING_M, PICTURES_M, SKIRTING_M = 2.8, (1.25, 1.95), 0.09
+PICTURES_M, SKIRTING_M = (1.25, 1.95), 0.09
 PANEL_M, TILE_M, LAMP_M = 1.6, 0.5, 1.8
+FAR_M = 60.0  # where beams end
 THIN_M = 0.05  # radius below which circles are legs of furniture, which is not painted
 TEXTURE = 512  # texels, a centimetre each
 CHANCES = 97  # values of the table that panels take theirs from
@@ -75,6 +76,9 @@ class RoomPainter:
         self._used = np.unique(self._beam_of_pixel)
         surfaces = len(plan.segments) + len(plan.radii) + 1
         colours = rng.uniform(105.0, 225.0, (surfaces, 1)) * rng.uniform(0.85, 1.0, (surfaces, 3))
+        low = [thing.segments for thing in plan.low], [thing.circles for thing in plan.low]
+        self._tall_segments = np.setdiff1d(np.arange(len(plan.segments)), np.concatenate([[], *low[0]]))
+        self._tall_circles = np.setdiff1d(np.flatnonzero(plan.radii >= THIN_M), np.concatenate([[], *low[1]]))
         self._colours = colours.astype(np.float32)
         self._noise = _noise(rng)
         self._chances = rng.random((CHANCES, 5)).astype(np.float32)
@@ -88,7 +92,9 @@ class RoomPainter:
         return self._last[1]
 
     def _painted(self, pose: np.ndarray) -> Backdrop:
-        distances, surfaces, along = (column[self._beam_of_pixel] for column in self._cast(pose))
+        table = self._cast(pose, self._tall_segments, self._tall_circles)
+        distances, surfaces, along, _ = (column[self._beam_of_pixel] for column in table)
+        surfaces = surfaces.astype(int)
         cos, sin = np.float32(np.cos(pose[2])), np.float32(np.sin(pose[2]))
         ahead, left = self._directions[..., 0], self._directions[..., 1]
         levels = self._height + distances * self._slopes
@@ -103,29 +109,52 @@ class RoomPainter:
         colours[walls] = self._walls(surfaces[walls], along[walls], levels[walls])
         colours[on_floor] = self._floors(x[on_floor], y[on_floor])
         colours[on_ceiling] = _ceiling(x[on_ceiling], y[on_ceiling])
+        for thing in self._plan.low:
+            self._paint_low(thing, pose, reach, distances, colours)
+        x = np.float32(pose[0]) + reach * (cos * ahead - sin * left)
+        y = np.float32(pose[1]) + reach * (sin * ahead + cos * left)
         light = np.asarray(self._light.at(x, y) * np.clip(1.1 - 0.03 * reach, 0.6, 1.1), dtype=np.float32)
         return Backdrop(colours * light[..., None], distances)
 
-    def _cast(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of every beam: distance, number of the surface, place along it, metres."""
+    def _paint_low(
+        self, thing: Low, pose: np.ndarray, reach: np.ndarray, distances: np.ndarray, colours: np.ndarray
+    ) -> None:
+        """Paint a thing over what is behind it; `reach` and `distances` are those of what is seen from now on."""
+        table = self._cast(pose, thing.segments, thing.circles)
+        near, surfaces, along, far = (column[self._beam_of_pixel] for column in table)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            over = (self._height - thing.height) / -self._slopes  # where the ray is as high as the thing
+        levels = self._height + near * self._slopes
+        side = (near < reach) & (levels < thing.height)
+        top = (self._slopes < 0.0) & (over > near) & (over < np.minimum(far, reach))
+        colours[side] = self._walls(surfaces[side].astype(int), along[side], levels[side])
+        colours[top] = 0.9 * self._colours[surfaces[top].astype(int)]
+        for which, there in ((side, near), (top, over)):
+            reach[which] = there[which]
+            distances[which] = np.minimum(distances, there)[which]
+
+    def _cast(self, pose: np.ndarray, of_segments: np.ndarray, of_circles: np.ndarray) -> np.ndarray:
+        """(4, B) of every beam: distance, number of the surface, place along it, and where it leaves; metres."""
         plan = self._plan
-        tall = plan.radii >= THIN_M
+        segments, radii = plan.segments[of_segments], plan.radii[of_circles]
         azimuths = self._used * (2.0 * np.pi / self._beams) - np.pi + pose[2]
         directions = planar.direction(azimuths)
         origins = np.broadcast_to(pose[:2], directions.shape)
-        centres = np.broadcast_to(plan.centres[tall], (len(origins), int(tall.sum()), 2))
-        ranges, hits, _ = rays.cast(origins, directions, plan.segments, centres, plan.radii[tall])
-        ranges = np.minimum(ranges, 60.0)
+        centres = np.broadcast_to(plan.centres[of_circles], (len(origins), len(radii), 2))
+        ranges, hits, _ = rays.cast(origins, directions, segments, centres, radii)
+        leaves = rays.leave(origins, directions, segments, centres, radii)
+        ranges = np.minimum(ranges, FAR_M)
         points = origins + ranges[:, None] * directions
         along = 3.0 * azimuths  # about a circle
-        flat = (hits >= 0) & (hits < len(plan.segments))
-        first, second = plan.segments[hits[flat], 0], plan.segments[hits[flat], 1]
+        flat = (hits >= 0) & (hits < len(segments))
+        first, second = segments[hits[flat], 0], segments[hits[flat], 1]
         way = second - first
         way /= np.linalg.norm(way, axis=1, keepdims=True)
         along[flat] = np.sum((points[flat] - first) * way, axis=1)
-        table = np.zeros((3, self._beams), dtype=np.float32)
-        table[:, self._used] = ranges, hits, along
-        return table[0], table[1].astype(int), table[2]
+        surfaces = np.concatenate([of_segments, len(plan.segments) + of_circles, [-1]])[hits]
+        table = np.zeros((4, self._beams), dtype=np.float32)
+        table[:, self._used] = ranges, surfaces, along, leaves
+        return table
 
     def _walls(self, surfaces: np.ndarray, along: np.ndarray, levels: np.ndarray) -> np.ndarray:
         colours = self._colours[surfaces] * (1.0 + 0.07 * self._grain(along, levels))[:, None]
