@@ -212,7 +212,27 @@ def test_small_and_long_images_are_looked_at(model, detector, size):
     assert detect(model, image.pixels, 1.0, 5000.0, -5.0).corners.shape[1] == 4
 
 
-def test_no_image_is_enlarged_whatever_is_asked_for(detector):
+def test_heads_smaller_than_the_model_are_found_in_enlarged_images(model, tmp_path):
+    small = [(70.0, 60.0, 20.0), (200.0, 90.0, 21.0), (120.0, 90.0, 44.0)]
+    path = tmp_path / "painted.npz"
+    model.save(path)
+    image = image_of(scene(140, 260, small))
+    shares = {}
+    for enlarge in (1.0, 2.0):
+        detector = FhogHead(FhogHeadConfig(model=str(path), threshold=THRESHOLD, enlarge=enlarge))
+        shares[enlarge] = shared_with(detector.detect(image, Search.everywhere(image, 16, 100)), small)
+    assert (shares[1.0] > 0.4).tolist() == [False, False, True]
+    assert shares[2.0].min() > 0.6
+
+
+def test_images_are_enlarged_as_far_as_is_allowed_and_by_the_same_scales():
+    for enlarge in (1.0, 1.5, 2.0, 4.0):
+        numbers = head_numbers(WINDOW, 1.0, 100.0, 5, enlarge)
+        assert numbers[0] == -int(5 * np.log2(enlarge))
+        np.testing.assert_array_equal(numbers[numbers >= 0], head_numbers(WINDOW, 1.0, 100.0, 5))
+
+
+def test_no_image_is_enlarged_unless_asked_for(detector):
     image = image_of(clutter(200, 200, np.random.default_rng(0)))
     layers = searched_pyramid(image.pixels, WINDOW, Search.everywhere(image, 0.01, 1e9))
     assert max(layer.features.shape[0] for layer in layers) == 50

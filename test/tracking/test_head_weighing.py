@@ -119,6 +119,61 @@ def test_proximity_keeps_a_hidden_person_from_the_one_in_front(proximity):
     assert (nearest > 0.2) == (proximity > 0.0), nearest
 
 
+def test_detected_heads_are_as_near_as_their_detector_says():
+    """The smallest heads that are looked for score alike at all greater distances; the detector knows their size."""
+    error = {}
+    for detections in (False, True):
+        tracker = heads_tracker(detections=detections)
+        for step in range(40):
+            tracker.process(image(0.1 * step, [[2.5, 0.3, 1.7]], sequence=step))
+        error[detections] = abs(tracker.tracks().means[0, 0] - 2.5)
+    assert error[True] < 0.08 and error[True] < 0.5 * error[False]
+
+
+def seen_by_another_cue(step, place, **changes):
+    """Something else shows the track, and starts and confirms nobody: a leg, or an easel's."""
+    legs = image(0.1 * step + 0.05, [place], sequence=step)
+    legs = dataclasses.replace(legs, modality="legs", cue="scan", scores=None)
+    return dataclasses.replace(legs, observed=(True, True, False), **changes)
+
+
+def with_legs(**options):
+    return build(models={"head": {"type": "heads", **options}, "legs": {"type": "gaussian", "starts": False}},
+                 lifecycle={"type": "second_look", "doubt_after_s": 0.5})  # fmt: skip
+
+
+def test_what_no_camera_sees_any_more_is_no_person_whatever_its_legs():
+    tracker = with_legs()
+    for step in range(20):
+        tracker.process(
+            image(
+                0.1 * step,
+                [[1.8, 0.0, 1.7]] if step < 8 else [],
+                sequence=step,
+            )
+        )
+        tracker.process(seen_by_another_cue(step, [1.8, 0.0, 0.0]))
+        if step == 9:
+            assert tracker.tracks().confirmed.tolist() == [True]
+    assert not tracker.tracks().confirmed.any()
+
+
+def test_whom_nobody_could_see_is_not_doubted():
+    """One stands behind another; the camera looks in vain, and for a reason."""
+    tracker, front, behind = with_legs(), [1.2, 0.0, 1.75], [2.0, 0.02, 1.7]
+    for step in range(30):
+        heads = [behind] if step < 5 else [behind, [1.2, 1.0, 1.75]] if step < 8 else [front]
+        tracker.process(image(0.1 * step, heads, sequence=step))
+        if step < 8:
+            tracker.process(seen_by_another_cue(step, [2.0, 0.02, 0.0]))
+            continue
+        legs = image(0.1 * step + 0.05, [front, behind], sequence=step)
+        legs = dataclasses.replace(legs, modality="legs", cue="scan", scores=None, observed=(True, True, False))
+        tracker.process(legs)
+    near = np.hypot(*(tracker.tracks().means[:, :2] - behind[:2]).T) < 0.3
+    assert tracker.tracks().confirmed[near].tolist() == [True]
+
+
 def test_features_are_asked_for_by_appearance_alone():
     pytest.importorskip("people_fusion.cues.heads.appearance")
     assert heads_tracker(adaptive=True).scores == FEATURES

@@ -108,6 +108,10 @@ class MeasurementModel(abc.ABC):
     def visible(self, belief: Belief, measurement: Measurement, pairing: Pairing) -> np.ndarray:
         """(T,) bool, whether the measurement shows that the person is still there (7.3)."""
 
+    def testimony(self, belief: Belief, measurement: Measurement, pairing: Pairing) -> np.ndarray:  # noqa: ARG002
+        """(T,) what a model that `starts` tracks says of a person being there: 1 for, -1 against, 0 nothing."""
+        return np.asarray(pairing.detected.astype(int))
+
     def initiate(self, belief: Belief, measurement: Measurement, pairing: Pairing) -> Births:  # noqa: ARG002
         """New tracks of what was assigned to none."""
         return Births(np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, dtype=int))

@@ -20,7 +20,7 @@ class Layer(NamedTuple):
     """Cells of a piece of the image at one scale.
 
     Attributes:
-        number: of the scale; at 0 the image is as it is.
+        number: of the scale; at 0 the image is as it is, below it is enlarged.
         scale: (2,) the layer's pixels per pixel of the image, across and down.
         row, col: of the piece's first cell, in the layer's cells.
         features: (R, C, D).
@@ -65,7 +65,7 @@ class Scales:
         self._octaves = [grey]
 
     def at(self, scale: float) -> Tuple[np.ndarray, np.ndarray]:
-        """The image at a scale of at most 1, and by how much it is smaller exactly, (2,) across and down."""
+        """The image at a scale, and by how much it is so exactly, (2,) across and down."""
         import cv2  # 100 MB: not for those who see no images
 
         octave = 0
@@ -84,14 +84,17 @@ class Scales:
         return smaller, 0.5**octave * np.array([cols / grey.shape[1], rows / grey.shape[0]])
 
 
-def head_numbers(window: HeadWindow, least: float, largest: float, layers: int = LAYERS) -> np.ndarray:
+def head_numbers(
+    window: HeadWindow, least: float, largest: float, layers: int = LAYERS, enlarge: float = 1.0
+) -> np.ndarray:
     """(L,) numbers of the scales at which heads from `least` to `largest` pixels are found, `layers` of them an octave.
 
-    At scale 0 the image is as it is, and heads that fill the window are found; it is never enlarged. Which scales there
-    are does not depend on what is looked for.
+    At scale 0 the image is as it is, and heads that fill the window are found; below it is enlarged, by `enlarge` at
+    most. Which scales there are does not depend on what is looked for.
     """
     first, last = layers * np.log2(np.maximum([least, largest], 1e-6) / window.head_height)
-    return np.arange(max(np.ceil(first - 0.5), 0), np.floor(last + 0.5) + 1, dtype=int)
+    lowest = -np.floor(layers * np.log2(enlarge) + 1e-9)
+    return np.arange(max(np.ceil(first - 0.5), lowest), np.floor(last + 0.5) + 1, dtype=int)
 
 
 def pyramid(grey: np.ndarray, window: HeadWindow, least: float, largest: float, layers: int = LAYERS) -> List[Layer]:
@@ -112,7 +115,9 @@ def pyramid(grey: np.ndarray, window: HeadWindow, least: float, largest: float, 
     return found
 
 
-def searched_pyramid(grey: np.ndarray, window: HeadWindow, search: Search, layers: int = LAYERS) -> List[Layer]:
+def searched_pyramid(
+    grey: np.ndarray, window: HeadWindow, search: Search, layers: int = LAYERS, enlarge: float = 1.0
+) -> List[Layer]:
     """Cells of the pieces of the image in which heads are wanted, at the scales at which they are; each cell once.
 
     What is scored there is as in the whole image's pyramid, but for windows that are not wanted.
@@ -122,13 +127,14 @@ def searched_pyramid(grey: np.ndarray, window: HeadWindow, search: Search, layer
         window: whose cells and size.
         search: where heads may be, by the middle of their boxes, and how high.
         layers: scales an octave.
+        enlarge: of the image at most.
     """
     if not len(search.corners):
         return []
     scales, found = Scales(grey), []
     least, largest = search.heights[:, 0].min(), min(search.heights[:, 1].max(), grey.shape[0])
     nearly = 2.0 ** (0.5 / layers)
-    for number in head_numbers(window, least, largest, layers).tolist():
+    for number in head_numbers(window, least, largest, layers, enlarge).tolist():
         height = window.head_height * 2.0 ** (number / layers)
         wanted = (search.heights[:, 0] <= height * nearly) & (search.heights[:, 1] >= height / nearly)
         smaller, scale = scales.at(0.5 ** (number / layers))

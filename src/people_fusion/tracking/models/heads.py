@@ -24,6 +24,9 @@ from people_fusion.tracking.models.gaussian import (
 )
 from people_fusion.tracking.weighing import MEASUREMENT_MODELS, Belief, Births, MeasurementModel, Pairing
 
+NEARER_M = 0.3  # by which somebody must be, to hide another
+TRUNK = 1.0  # half of its width, heights of a head
+
 
 @dataclass(frozen=True)
 class HeadScoreModelConfig:
@@ -33,7 +36,11 @@ class HeadScoreModelConfig:
     hidden_likelihood: float = parameter(
         0.05, "p(z | x, not v): of whoever is not to be seen, as much as where there is no head", low=1e-6, high=1.0
     )
+    detections: bool = parameter(
+        False, "weigh who is detected by the detection, whose size and error are known, and all others by the scores"
+    )
     threshold: float = parameter(-1.0, "score of a track's head from which it is there, detected or not")
+    occlusion: bool = parameter(False, "nothing is said of whom a nearer person hides from the camera")
     adaptive: bool = parameter(False, "learn how each person looks, and look for that, too (H2A)")
     own_threshold: float = parameter(0.0, "`threshold` by a person's own looks, once these are learnt")
     appearance: AppearanceConfig = section(AppearanceConfig, "how looks are learnt")
@@ -81,8 +88,13 @@ class HeadScoreModel(MeasurementModel):
         boxes = seen(scores, _as_seen(scores, belief.states[..., :3].reshape(-1, 3), rng))
         places = Places(*(column.reshape(belief.weights.shape) for column in places_of(scores, boxes)))
         likely = _likelihoods(scores, *self._scores(belief, scores, places))
+        if config.detections:
+            likely[pairing.detected] = np.exp(self._gaussian.weigh(belief, measurement, pairing, rng))[pairing.detected]
         mixed = config.visible_probability * likely + (1.0 - config.visible_probability) * config.hidden_likelihood
-        return np.log(np.where(np.isnan(likely), config.hidden_likelihood, mixed))
+        logs = np.log(np.where(np.isnan(likely), config.hidden_likelihood, mixed))
+        if config.occlusion:
+            logs[_hidden(scores, belief) & ~pairing.detected] = 0.0
+        return logs
 
     def visible(self, belief: Belief, measurement: Measurement, pairing: Pairing) -> np.ndarray:
         """Who is detected, or looks enough like a head where it should be."""
@@ -93,6 +105,18 @@ class HeadScoreModel(MeasurementModel):
         with np.errstate(invalid="ignore"):
             there = np.where(np.isnan(own), of_class > self.config.threshold, own > self.config.own_threshold)
         return np.asarray(pairing.detected | there[:, 0])
+
+    def testimony(self, belief: Belief, measurement: Measurement, pairing: Pairing) -> np.ndarray:
+        """For whoever is detected or looks like a head, against whoever should be seen and does not."""
+        scores = measurement.scores
+        if scores is None:
+            return self._gaussian.testimony(belief, measurement, pairing)
+        places = _places_of_means(belief, scores)
+        of_class = interpolated([layer.scores for layer in scores.layers], _flat(places))
+        with np.errstate(invalid="ignore"):
+            like = pairing.detected | (of_class > self.config.threshold)
+        looked = (places.layers[:, 0] >= 0) & ~_hidden(scores, belief)
+        return np.where(like, 1, np.where(looked, -1, 0))
 
     def learn(
         self, belief: Belief, measurement: Measurement, visible: np.ndarray, rng: np.random.Generator
@@ -145,6 +169,20 @@ def _as_seen(scores: HeadScores, heads: np.ndarray, rng: np.random.Generator) ->
     errors = rng.standard_normal((len(heads), 6)) @ root(scores.pose_covariance).T
     points = scores.pose.inverse().apply(heads)
     return np.asarray(heads - np.einsum("nij,nj->ni", point_jacobians(scores.pose, points), errors))
+
+
+def _hidden(scores: HeadScores, belief: Belief) -> np.ndarray:
+    """(T,) whom the head or, below it, the trunk of a nearer person hides."""
+    middles, heights = seen(scores, belief.means[:, :3])
+    distances = np.linalg.norm(belief.means[:, :2] - scores.pose.translation[:2], axis=1)
+    nearer = (distances[None, :] < distances[:, None] - NEARER_M) & belief.confirmed[None, :]
+    aside, below = np.moveaxis(middles[:, None] - middles[None, :], 2, 0)
+    if scores.camera.wraps:
+        aside = aside - np.round(aside / scores.camera.width) * scores.camera.width
+    with np.errstate(invalid="ignore"):
+        half = np.where(below < 0.5 * heights[None, :], 0.5, TRUNK) * heights[None, :]
+        covered = nearer & (np.abs(aside) < half) & (below > -0.5 * heights[None, :])
+    return np.asarray(covered.any(axis=1))
 
 
 def _overlaps(scores: HeadScores, boxes: Seen) -> np.ndarray:

@@ -117,7 +117,8 @@ class ParticleTracker(Tracker):
         count = len(born.rows) if born is not None else 0
         if born is not None and count:
             self._begin(measurement, born, age_s)
-        self._judge(model, measurement, pairing, seen, count, duration_s)
+        testimony = model.testimony(belief, measurement, pairing) if model.starts else np.zeros(len(belief), dtype=int)
+        self._judge(model, measurement, pairing, seen, testimony, count, duration_s)
         self._state = dataclasses.replace(self._state, generator=self._rng.bit_generator.state)
 
     def tracks(self, stamp_ns: Optional[int] = None) -> Tracks:
@@ -282,6 +283,7 @@ class ParticleTracker(Tracker):
         measurement: Measurement,
         pairing: Pairing,
         seen: np.ndarray,
+        testimony: np.ndarray,
         count: int,
         duration_s: float,
     ) -> None:
@@ -306,6 +308,7 @@ class ParticleTracker(Tracker):
                 np.pad(pairing.log_likelihoods, (0, count)),
                 in_sight,
                 np.pad(pairing.detected, (0, count), constant_values=True) & model.starts,
+                np.pad(testimony, (0, count), constant_values=1),
             ),
         )
         table = dataclasses.replace(

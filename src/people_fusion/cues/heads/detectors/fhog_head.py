@@ -26,6 +26,7 @@ class FhogHeadConfig:
 
     model: str = parameter("heads", "of config/models, or an npz file that train_heads wrote")
     threshold: float = parameter(-0.25, "of scores; 0 is as likely a head as not", -10.0, 10.0)
+    enlarge: float = parameter(1.0, "of the image at most, for heads of fewer rows than the model has", 1.0, 4.0)
     layers: int = parameter(LAYERS, "scales an octave; more find sizes between at more cost", 1, 16)
     box: BoxConfig = section(
         lambda: BoxConfig(height=0.24, height_std=0.027, head_above=-0.01, head_above_std=0.013, across_std=0.011),
@@ -35,7 +36,7 @@ class FhogHeadConfig:
 
 @DETECTORS.register("fhog_head", FhogHeadConfig)
 class FhogHead(Detector):
-    """Heads as high as the model's window and higher: images are not enlarged.
+    """Heads as high as the model's window and higher, and lower ones in enlarged images.
 
     Attributes:
         is_native: whether the kernel is built; without it NumPy is many times slower.
@@ -58,7 +59,8 @@ class FhogHead(Detector):
             beyond = math.ceil(highest / window.head_height * max(window.cols, window.rows) * window.features.cell)
             grey = grey.take(np.arange(-beyond, grey.shape[1] + beyond), axis=1, mode="wrap")
         shift = np.array([beyond, 0.0, beyond, 0.0])
-        cells = searched_pyramid(grey, window, search._replace(corners=search.corners + shift), self.config.layers)
+        wanted = search._replace(corners=search.corners + shift)
+        cells = searched_pyramid(grey, window, wanted, self.config.layers, self.config.enlarge)
         scores = [self._scorer.scores(layer.features)[0] for layer in cells]
         self._seen = (beyond, cells, scores) if self.wanted_scores != NO_SCORES else None
         windows = candidates(window, cells, scores, self.config.threshold)
