@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 from html import escape
 from pathlib import Path
-from typing import Any, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Any, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -162,6 +162,29 @@ def report(
     return _page(title, notes, summary, figures, [], settings, counters)
 
 
+class Part(NamedTuple):
+    """A heading, a sentence below it, and a table, a picture or both."""
+
+    heading: str
+    caption: str
+    table: Optional[Table] = None
+    figure: Optional[Figure] = None
+
+
+def paper_report(
+    title: str, parts: Sequence[Part], settings: Optional[Mapping[str, Any]] = None, notes: Sequence[str] = ()
+) -> str:
+    """HTML of several tables and pictures, in this order; `settings` and `notes` as in `run_report`."""
+    body = []
+    for part in parts:
+        body.append(f'<h2>{escape(part.heading)}</h2><p class="note">{escape(part.caption)}</p>')
+        if part.table is not None:
+            body.append(_table(part.table))
+        if part.figure is not None:
+            body.append(_image(part.heading, part.figure))
+    return _page(title, notes, body, [], [], settings, None)
+
+
 def _page(
     title: str,
     notes: Sequence[str],
@@ -175,10 +198,9 @@ def _page(
     parts.extend(f'<p class="note">{escape(note)}</p>' for note in notes)
     parts.extend(summary)
     for heading, caption, figure in figures:
-        picture = base64.b64encode(png(figure)).decode("ascii")
         parts.append(
             f"<h2>{escape(heading)}</h2><figure><figcaption>{escape(caption)}</figcaption>"
-            f'<img alt="{escape(heading)}" src="data:image/png;base64,{picture}"></figure>'
+            f"{_image(heading, figure)}</figure>"
         )
     columns = [f"<h2>{escape(heading)}</h2>" + _table(table) for heading, table in tables]
     if counters:
@@ -205,6 +227,11 @@ _PAGE = """<!DOCTYPE html>
 </main></body>
 </html>
 """
+
+
+def _image(name: str, figure: Figure) -> str:
+    picture = base64.b64encode(png(figure)).decode("ascii")
+    return f'<img alt="{escape(name)}" src="data:image/png;base64,{picture}">'
 
 
 def _tiles(scores: Scores) -> str:

@@ -175,11 +175,11 @@ def compare(
             window = (selection.start_s, selection.duration_s)
             instants = read_ground_truth(recording, sources.ground_truth, sources.scans, *window)
         framed = dataclasses.replace(config, frames=sources.frames)
-        memory: _Memory = {}
+        memory: Memory = {}
         for name in policies:
             policy = parse(FusionConfig, {"buffer": POLICIES[name]}).buffer
             with_policy = dataclasses.replace(framed, buffer=policy)
-            listener = _Listener(with_policy, sources, instants, memory, processing_s)
+            listener = Listener(with_policy, sources, instants, memory, processing_s)
             listener.session.run(recording, selection.start_s, selection.duration_s)
             if not listener.used_after_s:
                 raise RecordingError(f"{path}: no measurement could be used")
@@ -214,16 +214,29 @@ def policy_table(rows: Mapping[str, Row]) -> Table:
     return Table(header, tuple(lines))
 
 
-class _Listener:
-    """Hears everything that a session publishes under one policy."""
+class Listener:
+    """Hears everything that a session publishes under one policy.
+
+    Args:
+        config: preset with the frames of this recording.
+        sources: what to take of it.
+        instants: when people are annotated.
+        memory: what cues measured already, for the next listener to the same recording with the same leg cue.
+        processing_s, clock: see Session.
+
+    Attributes:
+        session: to be run.
+        used_after_s: from each measurement's stamp to the first output that it is in.
+    """
 
     def __init__(
         self,
         config: FusionConfig,
         sources: Sources,
         instants: Sequence[Instant],
-        memory: _Memory,
+        memory: Memory,
         processing_s: Mapping[str, float],
+        clock: Optional[Callable[[], float]] = None,
     ) -> None:
         self.session = Session(
             config,
@@ -235,6 +248,7 @@ class _Listener:
             self._passing,
             lambda topic: _Remembering(build_cue(config, topic), memory),
             processing_s,
+            clock,
         )
         self.published: List[Tuple[int, int]] = []  # stamp, when
         self.previewed: List[Tuple[int, int]] = []
@@ -316,7 +330,7 @@ class _Listener:
         self.used_after_s.append(to_seconds(self._now_ns - update.measurement.stamp_ns))
 
 
-_Memory = Dict[Tuple[str, int], Union[Measurement, DataError, TransformUnavailable]]
+Memory = Dict[Tuple[str, int], Union[Measurement, DataError, TransformUnavailable]]
 
 
 class _Remembering(Cue):
@@ -324,7 +338,7 @@ class _Remembering(Cue):
 
     modality = "any"
 
-    def __init__(self, cue: Cue, memory: _Memory) -> None:
+    def __init__(self, cue: Cue, memory: Memory) -> None:
         self._cue, self._memory, self.name, self.takes = cue, memory, cue.name, cue.takes
 
     def wants(self, stamp_ns: int) -> bool:

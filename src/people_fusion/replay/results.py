@@ -45,12 +45,18 @@ def settings(config: Any) -> Dict[str, Any]:
         value = getattr(config, field.name)
         registry = field.metadata.get("registry")
         if registry is None:
-            mapping[field.name] = settings(value) if dataclasses.is_dataclass(value) else value
+            mapping[field.name] = _setting(value)
         elif field.metadata.get("many"):
             mapping[field.name] = {key: {"type": registry.name_of(one), **settings(one)} for key, one in value.items()}
         else:
             mapping[field.name] = {"type": registry.name_of(value), **settings(value)}
     return mapping
+
+
+def _setting(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _setting(one) for key, one in value.items()}
+    return settings(value) if dataclasses.is_dataclass(value) else value
 
 
 def image_figures(image: Optional[str], evaluation: Optional[Evaluation]) -> Dict[str, Any]:

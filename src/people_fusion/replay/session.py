@@ -30,6 +30,19 @@ from people_fusion.tracking.fusion import Fusion, FusionConfig
 
 AFTERWARDS_NS = 10**18
 SCANS, IMAGES, RECORDED = "scans", "images", "recorded measurements"
+TRACKER = "tracker"
+
+
+class Work(NamedTuple):
+    """What a cue or the tracker had to do.
+
+    Attributes:
+        times: how often.
+        seconds: all together, of the session's clock.
+    """
+
+    times: int = 0
+    seconds: float = 0.0
 
 
 class Update(NamedTuple):
@@ -68,11 +81,13 @@ class Session:
         make_cue: makes the cue of a scan topic from its name; None: the preset's.
         processing_s: how long the cues work on a scan or an image, by name of the cue; none is 0. A cue works on one
             at a time; one more may wait.
+        clock: seconds by which `work` is measured, e.g. time.process_time; None: it is not.
 
     Attributes:
         fusion: where the tracks are.
         transforms: the recording's transforms so far.
         grid: newest map, or None.
+        work: what was done, by the cue's name, and TRACKER for each measurement that was processed.
 
     Raises:
         ConfigError: `processing_s` names no cue.
@@ -89,7 +104,10 @@ class Session:
         passing: Callable[[int], None] = lambda _now_ns: None,
         make_cue: Optional[Callable[[str], Cue]] = None,
         processing_s: Optional[Mapping[str, float]] = None,
+        clock: Optional[Callable[[], float]] = None,
     ) -> None:
+        self.work: Dict[str, Work] = {}
+        self._clock = clock
         self.transforms = TransformTree(config.transforms.history_s)
         self.fusion = Fusion(config, self.transforms)
         self.grid: Optional[OccupancyGrid] = None
@@ -323,6 +341,7 @@ class Session:
                 self._counts[f"{waiting.kind} skipped: the cue is busy"] += 1
                 self._withdraw(waiting)
                 continue
+            began_s = self._seconds()
             try:
                 measurement = dataclasses.replace(waiting.measure(), sequence=announcement.sequence)
             except DataError as error:
@@ -332,6 +351,7 @@ class Session:
                 self._counts["transform unavailable"] += 1
                 self._withdraw(waiting)
             else:
+                self._worked(announcement.cue, began_s)
                 self._free_ns[announcement.cue] = begin_ns + processing_ns
                 if processing_ns == 0:
                     self._deliver(waiting, measurement)
@@ -384,8 +404,20 @@ class Session:
     def _process(self, measurements: Iterable[Measurement]) -> None:
         for measurement in measurements:
             self._before(measurement.stamp_ns)
+            began_s = self._seconds()
             changed = self.fusion.process(measurement)
+            if self._clock is not None:
+                _ = self.fusion.tracker  # which processes when it is asked for
+            self._worked(TRACKER, began_s)
             self._after(Update(measurement, changed, self._now_ns + self._offset_ns))
+
+    def _seconds(self) -> float:
+        return 0.0 if self._clock is None else self._clock()
+
+    def _worked(self, name: str, began_s: float) -> None:
+        if self._clock is not None:
+            done = self.work.get(name, Work())
+            self.work[name] = Work(done.times + 1, done.seconds + self._clock() - began_s)
 
 
 def build_cue(config: FusionConfig, topic: str) -> Cue:

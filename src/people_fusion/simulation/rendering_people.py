@@ -9,6 +9,7 @@ import numpy as np
 
 SKINS = np.array([[155, 185, 225], [135, 165, 210], [110, 140, 190], [75, 105, 155], [50, 70, 110]], dtype=float)
 HAIRS = np.array([[25, 28, 32], [30, 45, 65], [50, 80, 115], [95, 135, 170], [150, 150, 150]], dtype=float)
+DARK, DARK_HAIRS = 3, 2  # skins from there on go with the first hairs
 SHORT, LONG, BALD = 0, 1, 2
 SKIN, HAIR, SHIRT, TROUSERS, NECK, EAR = range(6)
 FACE_HALF_ANGLE, FACE_HALF_HEIGHT = np.radians(110.0), 0.14  # covered by the face's texture
@@ -74,8 +75,10 @@ def draw_looks(count: int, rng: np.random.Generator) -> List[Look]:
     """So many people."""
     looks = []
     for _ in range(count):
-        skin = SKINS[rng.choice(len(SKINS), p=[0.3, 0.3, 0.2, 0.1, 0.1])] * rng.uniform(0.92, 1.06)
-        hair = HAIRS[rng.integers(len(HAIRS))] * rng.uniform(0.8, 1.2)
+        tone = rng.choice(len(SKINS), p=[0.3, 0.3, 0.2, 0.1, 0.1])
+        skin = SKINS[tone] * rng.uniform(0.92, 1.06)
+        hairs = len(HAIRS) if tone < DARK else DARK_HAIRS
+        hair = HAIRS[rng.integers(len(HAIRS)) % hairs] * rng.uniform(0.8, 1.2)
         shirt = rng.uniform(20.0, 225.0) * rng.uniform(0.6, 1.0, 3)
         trousers = rng.uniform(25.0, 110.0) * rng.uniform(0.7, 1.0, 3)
         style = int(rng.choice([SHORT, LONG, BALD], p=[0.55, 0.35, 0.1]))
