@@ -140,12 +140,12 @@ class ExperimentsConfig:
 
 
 def load_experiments(path: Optional[Path] = None) -> ExperimentsConfig:
-    """From a YAML file; None is config/experiments.yaml.
+    """From a YAML file; None is config/experiments/poschmann.yaml.
 
     Raises:
         ConfigError: names the file and what of it is refused.
     """
-    path = path or directory("config") / "experiments.yaml"
+    path = path or directory("config") / "experiments" / "poschmann.yaml"
     try:
         return parse(ExperimentsConfig, load_yaml(path))
     except ConfigError as error:

@@ -313,6 +313,6 @@ def _parser() -> argparse.ArgumentParser:
         metavar="TABLE[/ROW]",
         help="some rows, e.g. 7.4 or '*/T2-L2-*' (default: all)",
     )
-    add("--experiments", type=Path, metavar="FILE", help="what to compare (default: config/experiments.yaml)")
+    add("--experiments", type=Path, metavar="FILE", help="what to compare (default: config/experiments/poschmann.yaml)")
     add("--tables-only", action="store_true", help="run nothing: tables and report of what is there")
     return parser
