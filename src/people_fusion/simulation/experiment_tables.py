@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Mapping, Sequence, Tuple
+from typing import Any, List, Mapping, Sequence, Tuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from people_fusion.evaluation.experiment_plots import Panel, plot_cost, plot_rows
 from people_fusion.evaluation.tables import UNDEFINED, Table
-from people_fusion.simulation.experiments import COLUMNS, Column, TableConfig
+from people_fusion.simulation.experiments import COLUMNS, VARIANT, Column, TableConfig
 
 Results = Mapping[str, Sequence[Mapping[str, Any]]]  # figures of each seed, by configuration
 
@@ -48,23 +48,11 @@ def picture_of(table: TableConfig, results: Results) -> Figure:
 
 
 def cost_picture(results: Results) -> Figure:
-    """MOTA against CPU, of every configuration that was run."""
-    known = [name for name in results if results[name] and np.isfinite(spread(results, name, "mota")[0])]
+    """MOTA against CPU, of every configuration that was run and is no variant of another, see VARIANT."""
+    known = [name for name in results if VARIANT not in name and np.isfinite(spread(results, name, "mota")[0])]
     shares = np.array([spread(results, name, "cpu_share")[0] for name in known])
     mota = np.array([spread(results, name, "mota") for name in known]).reshape(len(known), 2)
     return plot_cost(known, shares, mota[:, 0], mota[:, 1])
-
-
-def means(results: Results) -> Dict[str, Dict[str, Any]]:
-    """Mean and deviation of every figure, by configuration, for JSON."""
-    told: Dict[str, Dict[str, Any]] = {}
-    for name, runs in results.items():
-        figures = [key for key, value in runs[0].items() if not isinstance(value, bool)] if runs else []
-        told[name] = {}
-        for figure in figures:
-            mean, deviation = spread(results, name, figure)
-            told[name][figure] = [None if np.isnan(each) else each for each in (mean, deviation)]
-    return told
 
 
 def _cell(column: Column, mean: float, deviation: float) -> str:

@@ -14,6 +14,7 @@ from people_fusion.replay.replay_bag import overrides
 from people_fusion.tracking.fusion import FusionConfig, load_config
 
 LEGS = "legs"  # the leg cue's modality
+VARIANT = " "  # in a configuration's name: what stands before it is what this one is a variant of
 
 
 class Column(NamedTuple):

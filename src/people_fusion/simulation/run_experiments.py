@@ -68,10 +68,14 @@ def run(options: argparse.Namespace, notes: Console) -> None:
     with _alone(options.out):
         results, failures = _carry_out(wanted, 0 if options.tables_only else options.jobs, notes)
     figures = {name: [results[each.key]["figures"] for each in wanted[name] if each.key in results] for name in wanted}
+    missing = sum(len(runs) for runs in wanted.values()) - sum(len(runs) for runs in figures.values())
     tables = {number: table_of(table, figures) for number, table in chosen.tables.items()}
     for number, table in tables.items():
         print(f"Table {number}: {chosen.tables[number].title}\n\n{table.as_text()}\n")
     said = _said(entries)
+    if missing:
+        said.append(f"{missing} runs are not there yet, or were made by other settings or other code.")
+        notes.print(said[-1], highlight=False)
     write_whole(options.out / "tables.md", _markdown(chosen, tables, said))
     save_report(options.out, _html(chosen, tables, figures, said))
     if failures:
@@ -191,7 +195,7 @@ class _Progress:
 
     def __init__(self, notes: Console, total: int) -> None:
         self._notes, self._total, self._done = notes, total, 0
-        self._began_s = time.monotonic()
+        self._began_s = time.perf_counter()
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
         # Nothing may draw in a thread of its own while processes fork.
         self._bar = Progress(
@@ -215,7 +219,7 @@ class _Progress:
     def done(self, each: Run, outcome: Any) -> None:
         """A run is over."""
         self._done += 1
-        left_s = (time.monotonic() - self._began_s) / self._done * (self._total - self._done)
+        left_s = (time.perf_counter() - self._began_s) / self._done * (self._total - self._done)
         name, told = f"{each.name}, seed {each.trial.seed}", "failed"
         if not isinstance(outcome, PeopleFusionError):
             mota = outcome["figures"]["mota"]
@@ -282,7 +286,7 @@ def _html(
         config = experiments.tables[number]
         heading = f"Table {number}: {config.title}"
         parts.append(Part(heading, CAPTIONS[config.columns], table, picture_of(config, figures)))
-    caption = "What accuracy costs: all configurations, cues and tracker together, as if no cue were ever too slow."
+    caption = "What accuracy costs: cues and tracker together, on the computer that ran this."
     parts.append(Part("MOTA against CPU", caption, None, cost_picture(figures)))
     settings = {
         name: {
