@@ -139,14 +139,17 @@ def test_an_interrupted_command_goes_on_where_it_was(
     assert figures(tmp_path) == figures(done)
 
 
-@pytest.mark.slow
-def test_ctrl_c_ends_all_processes_and_keeps_what_is_done(tmp_path: Path) -> None:
-    command = [sys.executable, str(SCRIPT), *TINY, "--duration", "40", "--jobs", "2", "--out", str(tmp_path)]
+@pytest.mark.parametrize("jobs", ["1", "2"])
+@pytest.mark.parametrize("name", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_all_processes_and_what_is_done_is_kept(
+    name: signal.Signals, jobs: str, tmp_path: Path
+) -> None:
+    command = [sys.executable, str(SCRIPT), *TINY, "--duration", "40", "--jobs", jobs, "--out", str(tmp_path)]
     started = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     deadline_s = time.monotonic() + 60.0
     while not list((tmp_path / "runs").glob("*.json")) and time.monotonic() < deadline_s:
         time.sleep(0.05)
-    started.send_signal(signal.SIGINT)
+    started.send_signal(name)
     _, errors = started.communicate(timeout=20.0)
     assert started.returncode == 130 and "Traceback" not in errors
     assert 0 < len(kept(tmp_path)) < len(ROWS) * SEEDS

@@ -44,11 +44,14 @@ def main(arguments: Optional[List[str]] = None) -> int:
     """Entry of scripts/run_experiments; returns the exit status."""
     options = _parser().parse_args(arguments)
     errors = Console(stderr=True)
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)  # who is terminated ends his processes, too
     try:
         return guarded("run_experiments", lambda: run(options, errors), errors)
     except KeyboardInterrupt:
         errors.print("run_experiments: interrupted; started again it goes on from here", highlight=False)
         return INTERRUPTED
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def run(options: argparse.Namespace, notes: Console) -> None:
@@ -187,7 +190,8 @@ def _attempt(each: Run) -> Any:
 
 def _quiet() -> None:
     """A process that is interrupted with the command says nothing."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    for name in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(name, signal.SIG_DFL)
 
 
 class _Progress:
