@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import itertools
 import json
 import re
 import signal
@@ -179,12 +180,19 @@ def test_a_run_that_fails_leaves_the_others_alone(
     assert "T2-L2" in output.out
 
 
-def test_tables_only_runs_nothing(done: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    assert tiny(tmp_path, "--tables-only") == 0
-    assert not kept(tmp_path)
-    assert "6 runs are not there yet" in capsys.readouterr().err
+def test_tables_only_runs_nothing(done: Path, capsys: pytest.CaptureFixture) -> None:
+    before = kept(done)
     assert tiny(done, "--tables-only", "--seeds", "3") == 0
-    assert "3 runs are not there yet" in (done / "tables.md").read_text()
+    assert kept(done) == before
+    told = "3 of 9 runs are not there, or were made by other settings or code."
+    assert told in capsys.readouterr().err and told in (done / "tables.md").read_text()
+
+
+def test_tables_of_nothing_are_not_written(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    (tmp_path / "tables.md").write_text("of old code")
+    assert tiny(tmp_path, "--tables-only") == 1
+    assert (tmp_path / "tables.md").read_text() == "of old code"
+    assert "none of 6 runs is there" in capsys.readouterr().err
 
 
 def test_two_commands_do_not_work_in_one_folder(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
@@ -353,6 +361,15 @@ def test_delay_is_how_long_cues_work_and_buffers_wait(seen: Path) -> None:
     assert delays == [pytest.approx(0.0, abs=1e-3), pytest.approx(0.007, abs=1e-3)]
 
 
+def test_cost_is_that_of_the_slowest_cue_and_of_all_together(seen: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(experiment_runs.time, "process_time", itertools.count().__next__)  # each work takes a second
+    config = load_experiments().configurations["T1-L1-F-U"].build()
+    figures, events = replay_timed(seen, config, {})
+    assert [figures[name] for name in ("laser_s", "image_s", "tracker_s")] == [1.0, 1.0, 1.0]
+    measured = events["scans processed"] + events["images processed"]
+    assert figures["cpu_share"] * 2.0 == pytest.approx(2 * measured, rel=0.1)  # each measured, each processed
+
+
 def test_a_recording_without_annotation_is_refused(tmp_path: Path) -> None:
     (trial,) = trials(["museum"], 1, 2.0)
     path = tmp_path / "nobody.bag"
@@ -363,16 +380,17 @@ def test_a_recording_without_annotation_is_refused(tmp_path: Path) -> None:
 
 def test_figures_of_a_single_run_have_no_deviation() -> None:
     table = parse(TableConfig, {"columns": "speed", "rows": [{"configuration": "A", "thesis": {"delay": 60}}]})
-    results = {"A": [{"laser_s": 0.002, "image_s": None, "tracker_s": 1e-4, "rate_hz": 17.0, "delay_s": 0.05}]}
+    times = {"laser_s": 0.002, "image_s": None, "tracker_s": 1e-4, "rate_hz": 17.0, "delay_s": 0.05}
+    results = {"A": [{**times, "cpu_share": 0.02, "mota": 0.5}]}
     (row,) = table_of(table, results).rows
-    assert row == ("A", "1", "2.0 ms", "–", "–", "–", "0.1 ms", "–", "17.0 Hz", "–", "50 ms", "60 ms")
+    assert row == ("A", "1", "2.0 ms", "–", "0.1 ms", "17.0 Hz", "50 ms", "60 ms", "2.0 %", "50.0 %")
     assert spread(results, "A", "rate_hz")[0] == 17.0
 
 
 def test_rows_without_runs_are_told_as_such() -> None:
     table = parse(TableConfig, {"rows": [{"configuration": "A", "thesis": {"mota": 60}}]})
     (row,) = table_of(table, {}).rows
-    assert row[:2] == ("A", "0") and row[4:6] == ("–", "60.0 %")
+    assert row[:2] == ("A", "0") and row[3:5] == ("–", "60.0 %")
 
 
 def test_progress_tells_what_is_left(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:

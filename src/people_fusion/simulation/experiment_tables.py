@@ -25,22 +25,26 @@ def table_of(table: TableConfig, results: Results) -> Table:
     """One row a configuration: each figure's mean and deviation, and the thesis's beside it."""
     columns = COLUMNS[table.columns]
     header = ["", "runs"]
-    for column in columns.values():
-        header += [column.title, "thesis"]
+    for name, column in columns.items():
+        header += [column.title, "thesis"] if name in table.published else [column.title]
     rows: List[Tuple[str, ...]] = []
     for row in table.rows:
         cells = [row.configuration, str(len(results.get(row.configuration, ())))]
         for name, column in columns.items():
             cells.append(_cell(column, *spread(results, row.configuration, column.figure)))
-            cells.append(_published(column, row.thesis[name]) if name in row.thesis else UNDEFINED)
+            if name in table.published:
+                cells.append(_published(column, row.thesis[name]) if name in row.thesis else UNDEFINED)
         rows.append(tuple(cells))
     return Table(tuple(header), tuple(rows))
 
 
 def picture_of(table: TableConfig, results: Results) -> Figure:
-    """A panel for each column."""
+    """A panel for each column in which the thesis has anything to compare; if there is none, for all."""
+    columns = COLUMNS[table.columns]
     panels = []
-    for name, column in COLUMNS[table.columns].items():
+    for name, column in columns.items():
+        if name not in (table.published or columns):
+            continue
         values = np.array([spread(results, row.configuration, column.figure) for row in table.rows]) * column.scale
         published = np.array([row.thesis.get(name, np.nan) for row in table.rows])
         panels.append(Panel(f"{column.title} [{column.unit}]", values[:, 0], values[:, 1], published))

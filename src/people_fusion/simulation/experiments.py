@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Dict, FrozenSet, List, NamedTuple, Optional, Sequence, Tuple
 
 from people_fusion.core.config import load_yaml, parameter, parse
 from people_fusion.core.errors import ConfigError
@@ -47,6 +47,8 @@ COLUMNS: Dict[str, Dict[str, Column]] = {
         "tracker": Column("tracker", "tracker_s", 1000.0, "ms", 1),
         "rate": Column("rate", "rate_hz", 1.0, "Hz", 1),
         "delay": Column("delay", "delay_s", 1000.0, "ms", 0),
+        "cpu": Column("CPU", "cpu_share", 100.0, "%", 1),
+        "mota": Column("MOTA", "mota", 100.0, "%", 1),
     },
 }
 FIGURES = tuple(column.figure for columns in COLUMNS.values() for column in columns.values())
@@ -98,6 +100,11 @@ class TableConfig:
                 if name not in COLUMNS[self.columns]:
                     known = ", ".join(COLUMNS[self.columns])
                     raise ConfigError(f"rows: {row.configuration}: thesis/{name}: no such column; there are {known}")
+
+    @property
+    def published(self) -> FrozenSet[str]:
+        """Columns in which the thesis has any figure."""
+        return frozenset(name for row in self.rows for name in row.thesis)
 
 
 @dataclass(frozen=True)

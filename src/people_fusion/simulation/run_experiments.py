@@ -31,11 +31,15 @@ from people_fusion.simulation.trials import Trial, trials
 
 INTERRUPTED = 130  # exit status, as of a shell
 CAPTIONS = {
-    "accuracy": "CLEAR-MOT in the ground plane, 0.5 m. The thesis adds five runs over one recording; ours are seeds.",
+    "accuracy": (
+        "CLEAR-MOT in the ground plane, 0.5 m. Ours: mean ± standard deviation of runs over recordings of their own; "
+        "the thesis adds five runs over one recording."
+    ),
     "speed": (
         "Laser, image: CPU of the slowest cue for a message; tracker: CPU for a measurement, what the thesis counts to "
         "the image cue of T2 included. Delay: age of the output since its message arrived at the cue, while cues work "
-        "as long as the thesis's did. Ours are of the computer that ran this."
+        "as long as the thesis's did. CPU: of all cues and the tracker, of one core. Times are of the computer that "
+        "ran this."
     ),
 }
 
@@ -59,7 +63,7 @@ def run(options: argparse.Namespace, notes: Console) -> None:
 
     Raises:
         PeopleFusionError: an option, the experiments' file or the folder is not usable, or a run failed; whatever
-            could be run was, and the tables are of that.
+            could be run was, and the tables are of that. Where there is none, they are left as they were.
     """
     if options.jobs < 1:
         raise ConfigError(f"--jobs: {options.jobs} is not positive")
@@ -71,13 +75,15 @@ def run(options: argparse.Namespace, notes: Console) -> None:
     with _alone(options.out):
         results, failures = _carry_out(wanted, 0 if options.tables_only else options.jobs, notes)
     figures = {name: [results[each.key]["figures"] for each in wanted[name] if each.key in results] for name in wanted}
-    missing = sum(len(runs) for runs in wanted.values()) - sum(len(runs) for runs in figures.values())
+    total = len({each.key for runs in wanted.values() for each in runs})
+    if not results:
+        raise PeopleFusionError("; ".join(failures) or f"{options.out}: none of {total} runs is there")
     tables = {number: table_of(table, figures) for number, table in chosen.tables.items()}
     for number, table in tables.items():
         print(f"Table {number}: {chosen.tables[number].title}\n\n{table.as_text()}\n")
     said = _said(entries)
-    if missing:
-        said.append(f"{missing} runs are not there yet, or were made by other settings or other code.")
+    if len(results) < total:
+        said.append(f"{total - len(results)} of {total} runs are not there, or were made by other settings or code.")
         notes.print(said[-1], highlight=False)
     write_whole(options.out / "tables.md", _markdown(chosen, tables, said))
     save_report(options.out, _html(chosen, tables, figures, said))
