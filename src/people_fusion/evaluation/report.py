@@ -48,6 +48,7 @@ th, td { padding: 4px 14px 4px 0; text-align: right; border-bottom: 1px solid #e
 th:first-child, td:first-child { text-align: left; }
 table.words th { text-align: left; }
 table.words td { text-align: left; white-space: pre-wrap; overflow-wrap: anywhere; font-family: monospace; }
+.wide { overflow-x: auto; } .wide table { font-size: 12.5px; } .wide th, .wide td { padding-right: 10px; }
 .columns { display: flex; flex-wrap: wrap; } .columns section { margin-right: 60px; }
 """
 
@@ -179,7 +180,7 @@ def paper_report(
     for part in parts:
         body.append(f'<h2>{escape(part.heading)}</h2><p class="note">{escape(part.caption)}</p>')
         if part.table is not None:
-            body.append(_table(part.table))
+            body.append(f'<div class="wide">{_table(part.table)}</div>')
         if part.figure is not None:
             body.append(_image(part.heading, part.figure))
     return _page(title, notes, body, [], [], settings, None)
