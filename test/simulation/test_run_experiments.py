@@ -111,13 +111,14 @@ def test_a_damaged_result_is_computed_anew(done: Path, damage: str, capsys: pyte
     assert f"{victim} is damaged" in capsys.readouterr().err
 
 
-def test_a_result_that_lacks_a_figure_is_damaged(done: Path) -> None:
+@pytest.mark.parametrize("change", [{"key": "of other settings"}, {"figures": {"mota": 1.0}}])
+def test_a_result_of_something_else_or_in_part_is_computed_anew(done: Path, change: Dict[str, Any]) -> None:
+    before = figures(done)
     victim = sorted((done / "runs").glob("*.json"))[0]
-    whole = json.loads(victim.read_text())
-    del whole["figures"]["mota"]
-    victim.write_text(json.dumps(whole))
+    victim.write_text(json.dumps({**json.loads(victim.read_text()), **change}))
     assert tiny(done) == 0
-    assert "mota" in json.loads(victim.read_text())["figures"]
+    assert figures(done) == before
+    assert json.loads(victim.read_text())["key"] in victim.name
 
 
 def test_an_interrupted_command_goes_on_where_it_was(
@@ -197,7 +198,7 @@ def test_tables_of_nothing_are_not_written(tmp_path: Path, capsys: pytest.Captur
 
 def test_two_commands_do_not_work_in_one_folder(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     with (tmp_path / ".lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+        fcntl.flock(lock, fcntl.LOCK_SH)
         assert tiny(tmp_path) == 1
     assert "another run_experiments is at work there" in capsys.readouterr().err
 
