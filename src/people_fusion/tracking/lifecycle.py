@@ -27,7 +27,7 @@ class Evidence:
         log_likelihoods: (T,) log density of the matched innovations in 1/m^m, 0 elsewhere.
         visible: (T,) in [0, 1], share of the person that the sensor could see.
         confirming: (T,) bool, matched in a way that may make a person of a track; None: wherever it is matched.
-        testimony: (T,) what a cue that can tell people says of each: 1 for, -1 against, 0 nothing; None: nothing.
+        testimony: (T,) log odds that a cue which can tell people adds to a person being there; None: nothing.
     """
 
     measurement: Measurement

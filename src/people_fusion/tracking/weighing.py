@@ -109,8 +109,8 @@ class MeasurementModel(abc.ABC):
         """(T,) bool, whether the measurement shows that the person is still there (7.3)."""
 
     def testimony(self, belief: Belief, measurement: Measurement, pairing: Pairing) -> np.ndarray:  # noqa: ARG002
-        """(T,) what a model that `starts` tracks says of a person being there: 1 for, -1 against, 0 nothing."""
-        return np.asarray(pairing.detected.astype(int))
+        """(T,) log odds that a model which can tell people adds to a person being there, from -1 to 1; 0: nothing."""
+        return np.asarray(pairing.detected.astype(float))
 
     def initiate(self, belief: Belief, measurement: Measurement, pairing: Pairing) -> Births:  # noqa: ARG002
         """New tracks of what was assigned to none."""

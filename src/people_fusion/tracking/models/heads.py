@@ -42,6 +42,8 @@ class HeadScoreModelConfig:
     threshold: float = parameter(-1.0, "score of a track's head from which it is there, detected or not")
     occlusion: bool = parameter(False, "nothing is said of whom a nearer person hides from the camera")
     adaptive: bool = parameter(False, "learn how each person looks, and look for that, too (H2A)")
+    testimony_from: float = parameter(-1.4, "best score about a track's place that speaks neither for nor against it")
+    testimony_slope: float = parameter(1.0, "log odds by score; looks that follow each other are alike")
     own_threshold: float = parameter(0.0, "`threshold` by a person's own looks, once these are learnt")
     appearance: AppearanceConfig = section(AppearanceConfig, "how looks are learnt")
     overlap: float = parameter(0.2, "of a track's head and a detection's box, from which both may be one", 0.0, 1.0)
@@ -91,7 +93,11 @@ class HeadScoreModel(MeasurementModel):
         if config.detections:
             likely[pairing.detected] = np.exp(self._gaussian.weigh(belief, measurement, pairing, rng))[pairing.detected]
         mixed = config.visible_probability * likely + (1.0 - config.visible_probability) * config.hidden_likelihood
-        logs = np.log(np.where(np.isnan(likely), config.hidden_likelihood, mixed))
+        # Where nobody looked is neither better nor worse than where the person is thought to be.
+        looked = np.where(np.isnan(mixed), 0.0, belief.weights)
+        usual = (looked * np.nan_to_num(mixed)).sum(axis=1) / np.maximum(looked.sum(axis=1), 1e-300)
+        usual = np.where(usual > 0.0, usual, config.hidden_likelihood)
+        logs = np.log(np.where(np.isnan(mixed), usual[:, None], mixed))
         if config.occlusion:
             logs[_hidden(scores, belief) & ~pairing.detected] = 0.0
         return logs
@@ -107,16 +113,16 @@ class HeadScoreModel(MeasurementModel):
         return np.asarray(pairing.detected | there[:, 0])
 
     def testimony(self, belief: Belief, measurement: Measurement, pairing: Pairing) -> np.ndarray:
-        """For whoever is detected or looks like a head, against whoever should be seen and does not."""
-        scores = measurement.scores
+        """By the best score about a track's place: a head of known distance need not be detected to be one."""
+        scores, config = measurement.scores, self.config
         if scores is None:
             return self._gaussian.testimony(belief, measurement, pairing)
-        places = _places_of_means(belief, scores)
-        of_class = interpolated([layer.scores for layer in scores.layers], _flat(places))
-        with np.errstate(invalid="ignore"):
-            like = pairing.detected | (of_class > self.config.threshold)
-        looked = (places.layers[:, 0] >= 0) & ~_hidden(scores, belief)
-        return np.where(like, 1, np.where(looked, -1, 0))
+        boxes = seen(scores, belief.states[..., :3].reshape(-1, 3))
+        values = interpolated([layer.scores for layer in scores.layers], places_of(scores, boxes))
+        best = np.nan_to_num(values, nan=-np.inf).reshape(belief.weights.shape).max(axis=1, initial=-np.inf)
+        testimony = np.clip(config.testimony_slope * (best - config.testimony_from), -1.0, 1.0)
+        testimony[np.isneginf(best) | _hidden(scores, belief)] = 0.0  # nobody looked
+        return np.where(pairing.detected, 1.0, testimony)
 
     def learn(
         self, belief: Belief, measurement: Measurement, visible: np.ndarray, rng: np.random.Generator

@@ -78,6 +78,10 @@ class LegModel(MeasurementModel):
         """Who has a leg; where legs start nobody, who was confirmed already."""
         return pairing.detected & (self.starts | belief.confirmed)
 
+    def testimony(self, belief: Belief, measurement: Measurement, pairing: Pairing) -> np.ndarray:  # noqa: ARG002
+        """None: what looks like legs may be a chair's."""
+        return np.zeros(len(belief))
+
     def initiate(self, belief: Belief, measurement: Measurement, pairing: Pairing) -> Births:  # noqa: ARG002
         """People of the cue none of whose legs belongs to a track."""
         rows = np.flatnonzero(~pairing.used)

@@ -48,6 +48,9 @@ class ParticleConfig:
     proximity: ProximityConfig = section(ProximityConfig, "how near two people come to each other")
     lifecycle: object = component(LIFECYCLES, SecondLookConfig, "when a track is a person and when it ends")
     head_height: float = parameter(1.5, "height of a new track whose height is not observed, metres")
+    head_heights: Tuple[float, float] = parameter(
+        (0.9, 2.1), "of heads over the floor, sitting or standing; particles elsewhere weigh nothing, metres"
+    )
     offset_stds: Dict[str, float] = parameter(
         {}, "by modality: how far a body may be from where its detections are on average, by axis, metres", low=0.0
     )
@@ -117,7 +120,7 @@ class ParticleTracker(Tracker):
         count = len(born.rows) if born is not None else 0
         if born is not None and count:
             self._begin(measurement, born, age_s)
-        testimony = model.testimony(belief, measurement, pairing) if model.starts else np.zeros(len(belief), dtype=int)
+        testimony = model.testimony(belief, measurement, pairing) if model.starts else np.zeros(len(belief))
         self._judge(model, measurement, pairing, seen, testimony, count, duration_s)
         self._state = dataclasses.replace(self._state, generator=self._rng.bit_generator.state)
 
@@ -205,6 +208,9 @@ class ParticleTracker(Tracker):
         if len(belief):
             logs = model.weigh(belief, measurement, pairing, self._rng)
             logs = logs + log_proximity(state.states, state.table.means, state.table.confirmed, self.config.proximity)
+            low, high = self.config.head_heights
+            heights = state.states[..., 2]
+            logs = np.where((heights >= low) & (heights <= high), logs, logs.min() - IMPOSSIBLE)
             weights = weighed(state.weights, logs)
             states, weights, chosen = resampled(
                 state.states, weights, self._rng, self.config.resample_below, self.config.roughening
@@ -308,7 +314,7 @@ class ParticleTracker(Tracker):
                 np.pad(pairing.log_likelihoods, (0, count)),
                 in_sight,
                 np.pad(pairing.detected, (0, count), constant_values=True) & model.starts,
-                np.pad(testimony, (0, count), constant_values=1),
+                np.pad(testimony, (0, count)),
             ),
         )
         table = dataclasses.replace(
@@ -355,4 +361,5 @@ class ParticleTracker(Tracker):
         )
 
 
+IMPOSSIBLE = 50.0  # natural logarithm by which what cannot be weighs less
 BODY_HALF_WIDTH = 0.2  # of what a sensor could see of a person, metres
