@@ -93,10 +93,10 @@ class HeadScoreModel(MeasurementModel):
         if config.detections:
             likely[pairing.detected] = np.exp(self._gaussian.weigh(belief, measurement, pairing, rng))[pairing.detected]
         mixed = config.visible_probability * likely + (1.0 - config.visible_probability) * config.hidden_likelihood
-        # Where nobody looked is neither better nor worse than where the person is thought to be.
+        # Where nobody looked nobody is to be seen, and it is no better than where the person was thought to be.
         looked = np.where(np.isnan(mixed), 0.0, belief.weights)
         usual = (looked * np.nan_to_num(mixed)).sum(axis=1) / np.maximum(looked.sum(axis=1), 1e-300)
-        usual = np.where(usual > 0.0, usual, config.hidden_likelihood)
+        usual = np.where(usual > 0.0, np.minimum(usual, config.hidden_likelihood), config.hidden_likelihood)
         logs = np.log(np.where(np.isnan(mixed), usual[:, None], mixed))
         if config.occlusion:
             logs[_hidden(scores, belief) & ~pairing.detected] = 0.0
