@@ -19,6 +19,7 @@ from people_fusion.cues.heads.pyramid import Layer, Scales, Windows, refined, sc
 
 CELLS = 8  # of the window's longer side
 SHORTEST = 2  # cells of its shorter side
+AGAIN = 1  # cells around what was found, on cells that lie there: parabolas lean towards the cells
 EDGE = 1  # cells around the surroundings whose norms the edge alters
 
 
@@ -70,8 +71,14 @@ class ShortTermTracker:
     def update(self, grey: np.ndarray) -> None:
         """Find the target in the next image and learn how it looks there."""
         scales = Scales(grey)
+        self._look(scales, self._margin)
+        self._look(scales, AGAIN)
+        self._learn(scales)
+
+    def _look(self, scales: Scales, margin: int) -> None:
+        """Move to the best window at most `margin` cells away, and from there between cells and scales."""
         steps = (1.0 / self.config.scale_step, 1.0, self.config.scale_step)
-        layers = [self._layer(scales, number, step) for number, step in enumerate(steps)]
+        layers = [self._layer(scales, number, step, margin) for number, step in enumerate(steps)]
         weights = self._model[0, :-1].reshape(self._window.rows, self._window.cols, -1)
         maps = score_maps(HeadModel(self._window, weights, float(self._model[0, -1]), -1.0, {}), layers)
         best = int(np.argmax([scores.max() for scores in maps]))
@@ -81,10 +88,9 @@ class ShortTermTracker:
         corners = window_corners(self._window, layers[best], *places[1:])
         (found,) = refined(self._window, layers, maps, Windows(*places, np.array([self.score]), corners))
         self.box = np.tile(self._middle(), 2) + found * np.tile(self._per_pixel(), 2)
-        self._learn(scales)
 
     def _learn(self, scales: Scales) -> None:
-        layer = self._layer(scales, 0, 1.0)
+        layer = self._layer(scales, 0, 1.0, self._margin)
         windows = np.zeros((2 * self._margin + 1, 2 * self._margin + 1), dtype=np.float32)
         scored = ScoreLayer(layer.scale, layer.row, layer.col, windows, layer.features)
         nobody = np.zeros((0, 4)), np.zeros(0)
@@ -92,7 +98,7 @@ class ShortTermTracker:
         here = Places(np.array([0]), np.array([self._margin]), np.array([self._margin]))
         self._model = learn(self._model, scores, here, self.config.appearance, self._rng)
 
-    def _layer(self, scales: Scales, number: int, step: float) -> Layer:
+    def _layer(self, scales: Scales, number: int, step: float, margin: int) -> Layer:
         """Cells of the surroundings, in which a target that is `step` times as large as it was fills a window.
 
         The window where the target was is of whole cells.
@@ -101,14 +107,14 @@ class ShortTermTracker:
 
         per_pixel = step * self._per_pixel()
         image, shrunk = scales.at(0.5 ** max(int(np.floor(np.log2(per_pixel.max()))), 0))
-        cells = np.array([self._window.cols, self._window.rows]) + 2 * (self._margin + EDGE)
+        cells = np.array([self._window.cols, self._window.rows]) + 2 * (margin + EDGE)
         size, stride = cells * self._window.features.cell, per_pixel * shrunk
         # The middles of pixels are at halves.
         start = self._middle() * shrunk - 0.5 * size * stride + 0.5 * stride - 0.5
         affine, flags = np.column_stack([np.diag(stride), start]), cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         pixels = cv2.warpAffine(image, affine, tuple(size.tolist()), flags=flags, borderMode=cv2.BORDER_REPLICATE)
         features = np.ascontiguousarray(fhog(pixels, self._window.features)[EDGE:-EDGE, EDGE:-EDGE])
-        return Layer(number, np.full(2, 1.0 / step), -self._margin, -self._margin, features)
+        return Layer(number, np.full(2, 1.0 / step), -margin, -margin, features)
 
     def _middle(self) -> np.ndarray:
         return 0.5 * (self.box[:2] + self.box[2:])
