@@ -273,12 +273,14 @@ def test_what_the_file_does_not_know_is_refused(
 
 def test_the_thesis_tables_are_whole() -> None:
     experiments = load_experiments()
-    assert [len(table.rows) for table in experiments.tables.values()] == [3, 6, 8, 7, 12]
-    best = experiments.tables["7.4"].rows[-1]
+    assert [len(table.rows) for table in experiments.tables.values()] == [3, 6, 8, 10, 12]
+    best = experiments.tables["7.4"].rows[6]
     assert best.configuration == "T2-L2-H2A-P"
     assert best.thesis == {"motp": 98, "mota": 81.7, "misses": 14.7, "false_positives": 1.9, "mismatches": 1.8}
     for number in ("7.1", "7.2", "7.3", "7.4"):
         for row in experiments.tables[number].rows:
+            if not row.thesis:
+                continue  # our own
             errors = sum(row.thesis[name] for name in ("misses", "false_positives", "mismatches"))
             misprint = row.configuration in ("T2-H2A-P", "T2-H2A-P 0.00")  # 59.5 stands there, and in the row below it
             mota = 60.3 if misprint else row.thesis["mota"]
@@ -289,6 +291,8 @@ def test_configurations_have_the_components_they_are_named_for() -> None:
     for name, entry in load_experiments().configurations.items():
         config = entry.build()
         parts = re.split(r"[ ,]", name)[0].split("-")
+        if parts[0] not in ("T1", "T2"):
+            continue  # our own presets
         tracker: Any = config.tracker
         heeds = set(config.modalities) or {"legs"}
         assert type(tracker).__name__ == {"T1": "KalmanConfig", "T2": "ParticleConfig"}[parts[0]]
@@ -311,9 +315,9 @@ def test_configurations_have_the_components_they_are_named_for() -> None:
 @pytest.mark.parametrize(
     "patterns, rows",
     [
-        ([], 36),
+        ([], 39),
         (["7.3"], 8),
-        (["7.4/T1-*"], 2),
+        (["7.4/T1-*"], 3),
         (["*/T2-L2-H2A-P"], 2),
         (["7.1", "7.4/T2-L2-H2A-P"], 4),
     ],
