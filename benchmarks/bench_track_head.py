@@ -233,6 +233,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path, help="folder that holds pets09_s2l1 and rgbd_person")
     parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--threshold", type=float, default=1.0, help="of the detections that start tracks")
     parser.add_argument("--overlap", type=float, default=0.3, help="from which a head is found")
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
@@ -262,8 +263,8 @@ def main():
                 flush=True,
             )
     print("\nhead trackers                 misses  false/picture  overlap  ms/picture")
-    small = {"largest": 24, "detector": {"enlarge": 4.0, "threshold": 0.5}}
-    for sequence, settings in ((turning, {"detector": {"threshold": 0.5}}), (heads, small)):
+    small = {"largest": 24, "detector": {"enlarge": 4.0, "threshold": arguments.threshold}}
+    for sequence, settings in ((turning, {"detector": {"threshold": arguments.threshold}}), (heads, small)):
         print(sequence.name)
         rows = head_rows(sequence, settings, (1.0, 0.5, 0.0, -0.5), arguments.seeds, arguments.overlap)
         result["heads"][sequence.name] = rows

@@ -36,7 +36,7 @@ class TrackHeadConfig:
 
     least: float = parameter(0.0, "height of heads, pixels; 0: the least that the detector finds", low=0.0)
     largest: float = parameter(400.0, "height of heads, pixels", low=1.0)
-    detector: FhogHeadConfig = section(lambda: FhogHeadConfig(threshold=0.5), "that starts tracks")
+    detector: FhogHeadConfig = section(lambda: FhogHeadConfig(threshold=1.0), "that starts tracks: few of them false")
     particle: ImageHeadsConfig = section(ImageHeadsConfig, "--tracker particle")
     hst: ShortTermConfig = section(ShortTermConfig, "--tracker hst")
 
@@ -56,6 +56,8 @@ def run(options: argparse.Namespace, notes: Console) -> None:
     """
     config = parse(TrackHeadConfig, overrides(options.set))
     box = None if options.box is None else _box(options.box)
+    if options.seed < 0:
+        raise ConfigError(f"--seed: {options.seed} is negative")
     frames = Frames(options.recording, options.image)
     rng = np.random.default_rng(options.seed)
     follow = followed_by_particles(config, box, rng) if options.tracker == "particle" else short_term(config, box, rng)
