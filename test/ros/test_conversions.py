@@ -14,7 +14,7 @@ from people_fusion.core.grids import OccupancyGrid
 from people_fusion.core.measurements import XY_OBSERVED, XYZ_OBSERVED, Announcement, Measurement, Sight
 from people_fusion.core.poses import Pose, UncertainPose
 from people_fusion.core.scans import Scan
-from people_fusion.core.tracks import Tracks
+from people_fusion.core.tracks import Particles, Tracks
 from people_fusion.core.wire import UNOBSERVED_VARIANCE
 from people_fusion.ros import conversions as c
 
@@ -237,3 +237,28 @@ def test_announcements_survive_the_wire(withdrawn: bool) -> None:
 def test_announcement_without_stamp_or_cue_is_refused(announcement: Announcement) -> None:
     with pytest.raises(DataError, match="announcement without"):
         c.announcement_from_msg(c.announcement_to_msg(announcement, "laser"))
+
+
+def some_particles(rng: np.random.Generator, tracks: int, count: int) -> Particles:
+    """Of numbers that float32 holds."""
+    numbers = rng.normal(size=(tracks, count, 6)).astype(np.float32).astype(float)
+    ids, confirmed = np.arange(7, 7 + tracks), rng.random(tracks) < 0.5
+    return Particles(STAMP_NS, "map", ids, confirmed, numbers[..., :3], numbers[..., 3:5], numbers[..., 5])
+
+
+@pytest.mark.parametrize("tracks, count", [(0, 500), (1, 2), (3, 50)])
+def test_particles_come_back_as_they_went(rng: np.random.Generator, tracks: int, count: int) -> None:
+    particles = some_particles(rng, tracks, count)
+    assert_same(particles, c.particles_from_msg(c.particles_to_msg(particles)))
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [lambda m: m.x.pop(), lambda m: m.weights.append(0.1), lambda m: m.confirmed.pop(),
+     lambda m: setattr(m, "particles", 4000000000), lambda m: m.vy.__setitem__(2, math.nan)],
+)  # fmt: skip
+def test_particles_that_cannot_be_are_refused(rng: np.random.Generator, spoil: Callable[[Any], Any]) -> None:
+    message = c.particles_to_msg(some_particles(rng, 2, 5))
+    spoil(message)
+    with pytest.raises(DataError, match="particles"):
+        c.particles_from_msg(message)

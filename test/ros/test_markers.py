@@ -11,7 +11,7 @@ pytest.importorskip("people_fusion.msg", reason="the messages are not built; too
 from visualization_msgs.msg import Marker
 
 from people_fusion.core.measurements import XY_OBSERVED, Measurement
-from people_fusion.core.tracks import NOBODY, Legs, Tracks
+from people_fusion.core.tracks import NOBODY, Legs, Particles, Tracks
 from people_fusion.ros import markers as m
 
 S = 10**9
@@ -190,3 +190,29 @@ def test_legs_that_have_gone_are_removed() -> None:
         array = m.leg_markers(legs)
         assert array.markers[0].action == Marker.DELETEALL
         assert by_namespace(array).keys() == ({m.SHIN, m.SHIN_ELLIPSE} if len(legs) else set())
+
+
+def particles_of(*tracks: Tuple[int, bool]) -> Particles:
+    """Three particles of each (id, confirmed), the first weighs most."""
+    count = len(tracks)
+    positions = np.arange(9.0 * count).reshape(count, 3, 3)
+    weights = np.tile([0.6, 0.3, 0.1], (count, 1))
+    ids, confirmed = (np.array(column) for column in zip(*tracks)) if tracks else (np.zeros(0, int), np.zeros(0, bool))
+    return Particles(S, "map", ids, confirmed, positions, np.zeros((count, 3, 2)), weights)
+
+
+def test_particles_have_the_colour_of_their_track_and_are_as_opaque_as_they_weigh() -> None:
+    shown = by_namespace(m.particle_markers(particles_of((3, True), (4, False))))[m.PARTICLE]
+    body = by_namespace(m.TrackMarkers().update(tracks_at((3, 1.0, 2.0))))[m.BODY][0]
+    assert [marker.id for marker in shown] == [3, 4]
+    assert {rgb(colour) for colour in shown[0].colors} == {rgb(body.color)}
+    assert {rgb(colour) for colour in shown[1].colors} == {rgb(m.GREY)}
+    assert [colour.a for colour in shown[0].colors] == pytest.approx([1.0, 0.5, 1.0 / 6.0])
+    assert [(p.x, p.y, p.z) for p in shown[1].points] == [(9.0, 10.0, 11.0), (12.0, 13.0, 14.0), (15.0, 16.0, 17.0)]
+
+
+def test_particles_that_have_gone_are_removed() -> None:
+    for particles in (particles_of(), particles_of((3, True))):
+        array = m.particle_markers(particles)
+        assert array.markers[0].action == Marker.DELETEALL
+        assert len(array.markers) == 1 + len(particles)

@@ -128,3 +128,21 @@ def test_modalities_that_are_not_heeded_withdraw_what_was_announced(detect):
         fusion.push(Announcement(each.stamp_ns, each.cue, each.sequence), each.stamp_ns)
     assert not fusion.push(head, newer.stamp_ns)  # the legs come first
     assert [each.cue for each in fusion.push(legs, newer.stamp_ns)] == ["head"]
+
+
+def test_particles_are_told_in_the_frame_of_the_tracks(detect):
+    turned = Pose.from_xy_yaw(2.0, -1.0, 0.7)
+
+    class Turned(TransformSource):
+        def lookup(self, target, source, stamp_ns):
+            return Pose.identity() if target == source else turned if target == "map" else turned.inverse()
+
+    overrides = {"tracker": {"type": "particle"}, "localisation": "output"}
+    fusion = Fusion(load_config(None, overrides), Turned())
+    fusion.process(dataclasses.replace(detect(0.0, (3.0, 1.0)), frame_id="odom"))
+    particles, tracks = fusion.particles(), fusion.tracks()
+    assert particles.frame_id == tracks.frame_id == "map" and particles.ids.tolist() == tracks.ids.tolist()
+    means = (particles.weights[..., None] * particles.positions).sum(axis=1)
+    np.testing.assert_allclose(means, tracks.means[:, :3], atol=1e-9)
+    assert np.hypot(*(particles.positions[0, :, :2] - turned.apply(np.array([[3.0, 1.0, 0.4]]))[:, :2]).T).max() < 1.0
+    assert Fusion(load_config(None, {"localisation": "output"}), Turned()).particles() is None

@@ -25,7 +25,7 @@ from people_fusion.core.measurements import Announcement, Measurement
 from people_fusion.core.poses import Pose, UncertainPose
 from people_fusion.core.scans import Scan
 from people_fusion.core.stamps import NANOSECONDS, from_seconds, join, split, to_seconds
-from people_fusion.core.tracks import Tracks
+from people_fusion.core.tracks import Particles, Tracks
 from people_fusion.core.wire import DETECTIONS_PER_MESSAGE, UNOBSERVED_VARIANCE, headings, measurement_of
 from people_fusion.msg import (
     DetectedPerson,
@@ -33,6 +33,7 @@ from people_fusion.msg import (
     MeasurementAnnouncement,
     TrackedPerson,
     TrackedPersons,
+    TrackParticles,
 )
 
 
@@ -334,3 +335,45 @@ def _xyz(vector: Any) -> List[float]:
 
 def _square(covariance: Any) -> np.ndarray:
     return np.array(covariance, dtype=float).reshape(6, 6)
+
+
+def particles_to_msg(particles: Particles) -> Any:
+    """people_fusion/TrackParticles."""
+    columns = np.concatenate([particles.positions, particles.velocities], axis=2).astype(np.float32)
+    x, y, z, vx, vy = (column.ravel().tolist() for column in np.moveaxis(columns, 2, 0))
+    return TrackParticles(
+        header=header_to_msg(particles.stamp_ns, particles.frame_id),
+        track_ids=particles.ids.tolist(),
+        confirmed=particles.confirmed.tolist(),
+        particles=particles.weights.shape[1],
+        x=x,
+        y=y,
+        z=z,
+        vx=vx,
+        vy=vy,
+        weights=particles.weights.astype(np.float32).ravel().tolist(),
+    )
+
+
+def particles_from_msg(message: Any) -> Particles:
+    """Particles of people_fusion/TrackParticles.
+
+    Raises:
+        DataError: lists are of different lengths, or a value is not finite.
+    """
+    shape = len(message.track_ids), int(message.particles)
+    lists = message.x, message.y, message.z, message.vx, message.vy, message.weights
+    if len(message.confirmed) != shape[0] or any(len(values) != shape[0] * shape[1] for values in lists):
+        raise DataError("particles in lists of different lengths")
+    columns = np.array(lists, dtype=float).reshape(6, *shape)
+    if not np.isfinite(columns).all():
+        raise DataError("particles that are not finite")
+    return Particles(
+        stamp_ns=stamp_from_msg(message.header.stamp),
+        frame_id=frame_from_msg(message.header.frame_id),
+        ids=np.array(message.track_ids, dtype=np.int64),
+        confirmed=np.array(message.confirmed, dtype=bool),
+        positions=np.moveaxis(columns[:3], 0, 2),
+        velocities=np.moveaxis(columns[3:5], 0, 2),
+        weights=columns[5],
+    )

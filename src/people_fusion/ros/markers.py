@@ -18,12 +18,13 @@ from visualization_msgs.msg import Marker, MarkerArray
 from people_fusion.core.gaussians import chi_square_threshold
 from people_fusion.core.measurements import Measurement
 from people_fusion.core.stamps import from_seconds
-from people_fusion.core.tracks import NOBODY, Legs, Tracks
+from people_fusion.core.tracks import NOBODY, Legs, Particles, Tracks
 from people_fusion.ros.conversions import header_to_msg
 
 BODY, HEAD, VELOCITY, IDENTITY = "body", "head", "velocity", "identity"
 ELLIPSE, TRAIL, CANDIDATE = "covariance", "trail", "candidate"
 DETECTION, LEG = "detection", "leg"
+PARTICLE = "particle"
 SHIN, SHIN_ELLIPSE = "shin", "shin covariance"
 
 LIFETIME = Duration.from_sec(2.0)  # markers of a tracker that has died go by themselves
@@ -36,6 +37,7 @@ SHIN_RADIUS, SHIN_HEIGHT = 0.06, 0.45  # metres
 VELOCITY_SECONDS = 1.0  # an arrow ends where the person will be then
 VISIBLE_SPEED = 0.1  # metres a second
 PALEST = 0.15
+FAINTEST = 0.08  # opacity of particles
 HIDDEN = 0.3  # opacity of legs that are not seen
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 WHITE, GREY = ColorRGBA(1.0, 1.0, 1.0, 1.0), ColorRGBA(0.6, 0.6, 0.6, 0.6)
@@ -195,6 +197,26 @@ def leg_markers(legs: Legs) -> Any:
         colours.append(colour)
     _add_lines(lines, ellipses(legs.positions, legs.covariances), colours)
     return MarkerArray(markers=[*markers, lines] if len(legs) else markers)
+
+
+def particle_markers(particles: Particles) -> Any:
+    """MarkerArray of particles as points in the colour of their track, those of candidates grey; opacity is weight.
+
+    It removes what was on its topic before.
+    """
+    header = header_to_msg(particles.stamp_ns, particles.frame_id)
+    markers = [Marker(header=header, action=Marker.DELETEALL)]
+    strengths = particles.weights / np.maximum(particles.weights.max(axis=1, keepdims=True), 1e-300)
+    for i, (name, confirmed) in enumerate(zip(particles.ids.tolist(), particles.confirmed.tolist())):
+        points = _marker(header, PARTICLE, name & 0x7FFFFFFF, Marker.POINTS, (0.02, 0.02, 0.0), GREY)
+        colour = identity_colour(name, 1.0) if confirmed else GREY
+        points.points = _points(particles.positions[i])
+        points.colors = [
+            ColorRGBA(colour.r, colour.g, colour.b, opacity)
+            for opacity in np.maximum(strengths[i], FAINTEST).tolist()
+        ]
+        markers.append(points)
+    return MarkerArray(markers=markers)
 
 
 def ellipses(means: np.ndarray, covariances: np.ndarray) -> np.ndarray:

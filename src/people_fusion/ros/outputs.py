@@ -10,13 +10,14 @@ from geometry_msgs.msg import PoseArray, PoseStamped
 from visualization_msgs.msg import MarkerArray
 
 from people_fusion.core.errors import TransformUnavailable
-from people_fusion.core.tracks import Legs, Tracks
+from people_fusion.core.stamps import from_seconds
+from people_fusion.core.tracks import Legs, Particles, Tracks
 from people_fusion.core.transforms import FramesConfig, TransformSource
-from people_fusion.msg import TrackedPersons
+from people_fusion.msg import TrackedPersons, TrackParticles
 from people_fusion.ros import topics
 from people_fusion.ros.adapters import people_adapter, spencer_adapter
-from people_fusion.ros.conversions import header_to_msg, poses_to_msg, tracks_to_msg
-from people_fusion.ros.markers import TrackMarkers, clear, leg_markers
+from people_fusion.ros.conversions import header_to_msg, particles_to_msg, poses_to_msg, tracks_to_msg
+from people_fusion.ros.markers import TrackMarkers, clear, leg_markers, particle_markers
 
 COMPATIBLE = ("none", "strands")
 QUEUE = 10
@@ -30,6 +31,7 @@ class TrackOutputs:
         compatible: one of COMPATIBLE.
         revisable: whether there are previews.
         with_legs: whether the tracker follows legs.
+        particle_rate: how often particles are published at most, by stamps, a second; 0: the tracker has none.
     """
 
     def __init__(
@@ -39,6 +41,7 @@ class TrackOutputs:
         compatible: str,
         revisable: bool = False,
         with_legs: bool = False,
+        particle_rate: float = 0.0,
     ) -> None:
         self._source, self._base = source, frames.base
         self._markers = TrackMarkers(on_legs=with_legs)
@@ -51,6 +54,15 @@ class TrackOutputs:
         self._legs: Optional[Any] = None
         if with_legs:
             self._legs = rospy.Publisher(topics.LEG_MARKERS, MarkerArray, queue_size=QUEUE)
+        self._particles: List[Tuple[Any, Callable[[Particles], Any]]] = []
+        self._particles_every_ns, self._particles_ns = 0, 0
+        if particle_rate > 0.0:
+            self._particles_every_ns = from_seconds(1.0 / particle_rate)
+            for topic, kind, convert in (
+                (topics.PARTICLES, TrackParticles, particles_to_msg),
+                (topics.PARTICLE_MARKERS, MarkerArray, particle_markers),
+            ):
+                self._particles.append((rospy.Publisher(topic, kind, queue_size=2), convert))
         self._add(topics.TRACKS, TrackedPersons, tracks_to_msg)
         self._add(topics.POSES, PoseArray, poses_to_msg)
         people, spencer = people_adapter(), spencer_adapter()
@@ -101,8 +113,23 @@ class TrackOutputs:
         if self._legs is not None:
             self._legs.publish(leg_markers(legs))
 
+    def particles_due(self, stamp_ns: int) -> bool:
+        """Whether somebody looks at particles, and the last were long enough ago."""
+        is_due = not 0 <= stamp_ns - self._particles_ns < self._particles_every_ns
+        return is_due and any(publisher.get_num_connections() for publisher, _ in self._particles)
+
+    def publish_particles(self, particles: Particles) -> None:
+        """Publish particles to those who listen."""
+        self._particles_ns = particles.stamp_ns
+        for publisher, convert in self._particles:
+            if publisher.get_num_connections():
+                publisher.publish(convert(particles))
+
     def reset(self) -> None:
         """Time has jumped: all markers go."""
+        for publisher, convert in self._particles:
+            if convert is particle_markers:
+                publisher.publish(clear())
         for publisher in self._marker_publishers:
             publisher.publish(self._markers.clear())
         if self._legs is not None:

@@ -53,6 +53,7 @@ DESCRIBED_EVERY_S = 0.9
 class PeopleTrackerSettings:
     """The tracker node's own parameters."""
 
+    particle_rate: float = parameter(5.0, "how often a second particles are published at most", 0.1, 100.0)
     compatible: str = parameter("none", "also publish what listeners of another tracker know", choices=COMPATIBLE)
 
 
@@ -79,8 +80,9 @@ class PeopleTracker(Part):
             self._is_ready, config.transforms.patience_s, gave_up=self._withdraw
         )
         with_legs = self._fusion.legs() is not None
+        particle_rate = settings.particle_rate if self._fusion.particles() is not None else 0.0
         self._outputs = TrackOutputs(
-            node.source, config.frames, settings.compatible, self._fusion.buffer.revisable, with_legs
+            node.source, config.frames, settings.compatible, self._fusion.buffer.revisable, with_legs, particle_rate
         )
         self._intake = Intake(INTAKE, 2 * MOST_CUES)
         self._own: FrozenSet[str] = frozenset()
@@ -210,6 +212,9 @@ class PeopleTracker(Part):
         legs = self._fusion.legs() if self._outputs.legs_watched else None
         if legs is not None:
             self._outputs.publish_legs(legs)
+        particles = self._fusion.particles() if self._outputs.particles_due(tracks.stamp_ns) else None
+        if particles is not None:
+            self._outputs.publish_particles(particles)
         now_ns = self._node.now_ns()
         self._delays.append((now_ns, now_ns - tracks.stamp_ns))
 

@@ -24,6 +24,8 @@ PREVIEW = "people_fusion/tracks_preview"  # people_fusion/TrackedPersons, to be 
 POSES = "people_fusion/poses"  # geometry_msgs/PoseArray
 MARKERS = "people_fusion/markers"  # visualization_msgs/MarkerArray
 LEG_MARKERS = "people_fusion/leg_markers"  # visualization_msgs/MarkerArray; of trackers that follow legs
+PARTICLES = "people_fusion/particles"  # people_fusion/TrackParticles; of trackers that have some
+PARTICLE_MARKERS = "people_fusion/particle_markers"  # visualization_msgs/MarkerArray; of trackers that have some
 PEOPLE = "people_fusion/people"  # people_msgs/People, where that package is installed
 SPENCER_TRACKS = "people_fusion/spencer_tracks"  # spencer_tracking_msgs/TrackedPersons, where that package is installed
 

@@ -22,7 +22,7 @@ from people_fusion.core.images import Image
 from people_fusion.core.measurements import Announcement, Measurement
 from people_fusion.core.resources import directory
 from people_fusion.core.scans import Scan
-from people_fusion.core.tracks import Legs, Tracks
+from people_fusion.core.tracks import Legs, Particles, Tracks
 from people_fusion.core.transforms import (
     FramesConfig,
     TransformsConfig,
@@ -171,6 +171,26 @@ class Fusion:
         if self._world_from_tracking is None:
             return legs
         return move_legs(legs, self._world_from_tracking, self.config.frames.world)
+
+    def particles(self) -> Optional[Particles]:
+        """The particles of the tracks, in the frame of `tracks`; None of a tracker that has none."""
+        particles = self.tracker.particles()
+        if particles is None:
+            return None
+        particles = dataclasses.replace(particles, frame_id=self.tracking_frame)
+        if self.tracking_frame == self.config.frames.world:
+            return particles
+        self._find_world(particles.stamp_ns)
+        if self._world_from_tracking is None:
+            return particles
+        pose = self._world_from_tracking.pose
+        velocities = np.pad(particles.velocities, ((0, 0), (0, 0), (0, 1))) @ pose.rotation.T
+        return dataclasses.replace(
+            particles,
+            frame_id=self.config.frames.world,
+            positions=particles.positions @ pose.rotation.T + pose.translation,
+            velocities=velocities[..., :2],
+        )
 
     def _find_world(self, stamp_ns: int) -> bool:
         """Look for world_from_tracking; where it is not there yet, the last remains."""
