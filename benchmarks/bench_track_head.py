@@ -40,7 +40,7 @@ RATES = (0.0, 0.02, 0.1, 0.5, 1.0)
 SKIPPED, SETTLING = 5, 10  # frames after a loss, and after a start (5.3.1)
 HEAD, PERSON = 0.24, 1.75  # metres
 FOCAL = 525.0  # of rgbd_person
-LOST = {False: (0.0, -0.5, -1.0, -1.5, -2.0), True: (0.5, 0.25, 0.0, -0.25, -0.5)}  # thresholds, by `adaptive`
+LOST = {False: (0.0, -0.5, -1.0, -2.0), True: (0.5, 0.25, 0.0, -0.5)}  # thresholds, by `adaptive`
 
 
 class Sequence(NamedTuple):
@@ -162,61 +162,73 @@ def found_in(true, reported, overlap):
     return len(found), len(reported) - len(found), found
 
 
-def head_tracking(sequence, scores, report, overlap):
-    """Misses, false positives a picture, mean overlap, ms a picture; `report` gives boxes of HeadScores."""
-    there, found, false, shared, spent = 0, 0, 0, [], 0.0
-    for number, each in enumerate(scores):
-        true = [boxes[number - first] for first, boxes in sequence.targets if 0 <= number - first < len(boxes)]
+class Tally:
+    """Misses, false positives a picture, mean overlap, ms a picture of `report`, which gives boxes of HeadScores."""
+
+    def __init__(self, report, overlap):
+        self._report, self._overlap = report, overlap
+        self._there, self._found, self._false, self._shared, self._spent, self._pictures = 0, 0, 0, [], 0.0, 0
+
+    def see(self, scores, true):
+        """One more picture with heads (N, 4)."""
         start = time.process_time()
-        reported = report(each)
-        spent += time.process_time() - start
-        hits, misfits, values = found_in(np.array(true).reshape(-1, 4), reported, overlap)
-        there, found, false, shared = there + len(true), found + hits, false + misfits, shared + values
-    return {
-        "misses": 1.0 - found / max(there, 1),
-        "false": false / len(scores),
-        "overlap": float(np.mean(shared)) if shared else 0.0,
-        "ms": 1000.0 * spent / len(scores),
-    }
+        reported = self._report(scores)
+        self._spent += time.process_time() - start
+        hits, misfits, values = found_in(true, reported, self._overlap)
+        self._there, self._found, self._false = self._there + len(true), self._found + hits, self._false + misfits
+        self._shared, self._pictures = self._shared + values, self._pictures + 1
+
+    def row(self):
+        """Means."""
+        return {
+            "misses": 1.0 - self._found / self._there,
+            "false": self._false / self._pictures,
+            "overlap": float(np.mean(self._shared)) if self._shared else 0.0,
+            "ms": 1000.0 * self._spent / self._pictures,
+        }
 
 
-def particles(config, seed):
-    """`report` of head_tracking."""
+def detections(threshold):
+    """`report` of Tally."""
+    return lambda scores: scores.corners[scores.box_scores > threshold].reshape(-1, 4)
+
+
+def particles(config, seed, threshold):
+    """`report` of Tally; what scores less than the threshold is no detection."""
     tracker = ImageHeads(config, np.random.default_rng(seed))
 
     def report(scores):
-        tracker.update(scores)
+        tracker.update(scores.select(scores.box_scores > threshold))
         return np.array([head.box for head in tracker.heads]).reshape(-1, 4)
 
     return report
 
 
-def head_rows(sequence, settings, thresholds, seeds, overlap):
+def head_rows(sequence, settings, thresholds, arguments):
     """Of the detector at several thresholds, and of trackers with several `lost`."""
-    rows = {}
-    config = parse(TrackHeadConfig, settings)
-    search = scored(config)
-    start = time.process_time()
-    scores = [search(pixels) for pixels in sequence.pictures]
-    rows["detector's search"] = {"ms": 1000.0 * (time.process_time() - start) / len(scores)}
-    low = parse(TrackHeadConfig, {**settings, "detector": {**settings["detector"], "threshold": min(thresholds)}})
-    low_search = scored(low)
-    all_found = [low_search(pixels) for pixels in sequence.pictures]
-    for threshold in thresholds:
-        row = head_tracking(
-            sequence,
-            all_found,
-            lambda each, least=threshold: each.corners[each.box_scores > least].reshape(-1, 4),
-            overlap,
-        )
-        rows[f"detector above {threshold:g}"] = row
-    for adaptive in (False, True):
-        for lost in LOST[adaptive]:
-            name = "own_lost" if adaptive else "lost"
-            particle = parse(TrackHeadConfig, {"particle": {"adaptive": adaptive, name: lost}}).particle
-            runs = [head_tracking(sequence, scores, particles(particle, seed), overlap) for seed in range(seeds)]
-            row = {key: float(np.mean([run[key] for run in runs])) for key in runs[0]}
-            rows[f"{'adaptive' if adaptive else 'class only'}, lost below {lost:g}"] = row
+    tallies = {f"detector above {least:g}": [Tally(detections(least), arguments.overlap)] for least in thresholds}
+    for adaptive, limits in LOST.items():
+        for lost in limits:
+            particle = {"adaptive": adaptive, "own_lost" if adaptive else "lost": lost}
+            config = parse(TrackHeadConfig, {"particle": particle}).particle
+            tallies[f"{'adaptive' if adaptive else 'class only'}, lost below {lost:g}"] = [
+                Tally(particles(config, seed, arguments.threshold), arguments.overlap)
+                for seed in range(arguments.seeds)
+            ]
+    detector = {"threshold": min(thresholds), **settings.get("detector", {})}
+    search, spent = scored(parse(TrackHeadConfig, {**settings, "detector": detector})), 0.0
+    for number, pixels in enumerate(sequence.pictures):
+        start = time.process_time()
+        scores = search(pixels)
+        spent += time.process_time() - start
+        true = [boxes[number - first] for first, boxes in sequence.targets if 0 <= number - first < len(boxes)]
+        for runs in tallies.values():
+            for tally in runs:
+                tally.see(scores, np.array(true).reshape(-1, 4))
+    rows = {"detector's search": {"ms": 1000.0 * spent / len(sequence.pictures)}}
+    for name, runs in tallies.items():
+        each = [tally.row() for tally in runs]
+        rows[name] = {key: float(np.mean([row[key] for row in each])) for key in each[0]}
     return rows
 
 
@@ -263,10 +275,9 @@ def main():
                 flush=True,
             )
     print("\nhead trackers                 misses  false/picture  overlap  ms/picture")
-    small = {"largest": 24, "detector": {"enlarge": 4.0, "threshold": arguments.threshold}}
-    for sequence, settings in ((turning, {"detector": {"threshold": arguments.threshold}}), (heads, small)):
+    for sequence, settings in ((turning, {}), (heads, {"largest": 24, "detector": {"enlarge": 4.0}})):
         print(sequence.name)
-        rows = head_rows(sequence, settings, (1.0, 0.5, 0.0, -0.5), arguments.seeds, arguments.overlap)
+        rows = head_rows(sequence, settings, (1.0, 0.5, 0.0, -0.5), arguments)
         result["heads"][sequence.name] = rows
         for name, row in rows.items():
             if "misses" in row:
