@@ -162,7 +162,8 @@ def annotated(pixels: np.ndarray, heads: List[ImageHead]) -> np.ndarray:
         left, top, right, bottom = (int(edge) for edge in np.clip(np.round(head.box), -limit, limit))
         cv2.rectangle(canvas, (left, top), (right - 1, bottom - 1), colour, 3 if head.detected else 1)
         said = f"{head.track}: {head.score:.2f}"
-        cv2.putText(canvas, said, (left, top - 4), cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, 1, cv2.LINE_AA)
+        for shade, width in (((0, 0, 0), 3), (colour, 1)):  # on any ground
+            cv2.putText(canvas, said, (left, top - 5), cv2.FONT_HERSHEY_SIMPLEX, 0.45, shade, width, cv2.LINE_AA)
     return canvas
 
 
