@@ -141,4 +141,5 @@ def test_rviz_file_shows_what_the_nodes_publish() -> None:
     shown = displays(yaml.safe_load((CONFIG / "people_fusion.rviz").read_text(encoding="utf-8")))
     topics = {display.get("Topic") or display.get("Marker Topic") for display in shown}
     assert {"/map", "/scan_front", "/scan_rear"} <= topics
-    assert {f"/people_fusion/{name}" for name in ("markers", "detection_markers", "leg_markers", "particle_markers")} <= topics
+    markers = ("markers", "detection_markers", "leg_markers", "particle_markers")
+    assert {f"/people_fusion/{name}" for name in markers} <= topics

@@ -134,7 +134,7 @@ def test_particles_are_told_in_the_frame_of_the_tracks(detect):
     turned = Pose.from_xy_yaw(2.0, -1.0, 0.7)
 
     class Turned(TransformSource):
-        def lookup(self, target, source, stamp_ns):
+        def lookup(self, target, source, stamp_ns):  # noqa: ARG002
             return Pose.identity() if target == source else turned if target == "map" else turned.inverse()
 
     overrides = {"tracker": {"type": "particle"}, "localisation": "output"}

@@ -128,7 +128,14 @@ class Cues(Part):
     def _publish(self, measurement: Measurement) -> None:
         if self._deliver is not None:
             self._deliver(measurement)
+        scored = self._publish_scores(measurement)
         if self._detections.get_num_connections() > self._ears:
-            self._detections.publish(measurement_to_msg(measurement))
+            message = measurement_to_msg(measurement)
+            message.scored = scored
+            self._detections.publish(message)
         if self._markers.get_num_connections():
             self._markers.publish(detection_markers(measurement))
+
+    def _publish_scores(self, measurement: Measurement) -> bool:  # noqa: ARG002
+        """Publish what a cue knows beyond detections; returns whether it did."""
+        return False

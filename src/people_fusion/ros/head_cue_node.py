@@ -5,9 +5,10 @@ from __future__ import annotations
 import threading
 import traceback
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, List, NamedTuple, Tuple
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
 import rospy
+from rospy.numpy_msg import numpy_msg
 from sensor_msgs.msg import CameraInfo, CompressedImage
 from sensor_msgs.msg import Image as ImageMsg
 
@@ -15,23 +16,27 @@ from people_fusion.core.camera_models import Panorama
 from people_fusion.core.cameras import Camera
 from people_fusion.core.config import parameter
 from people_fusion.core.errors import ConfigError, DataError
+from people_fusion.core.head_scores import NO_SCORES
 from people_fusion.core.image_topics import camera_info_of, is_rectified, without_transport
 from people_fusion.core.images import Image
-from people_fusion.core.measurements import Announcement
+from people_fusion.core.measurements import Announcement, Measurement
 from people_fusion.core.waiting import WaitingRoom
 from people_fusion.cues.cue import CUES, Cue
 from people_fusion.cues.heads.detectors.fhog_head import FhogHeadConfig
 from people_fusion.cues.heads.drawing import annotated
 from people_fusion.cues.heads.heads import HeadCue
 from people_fusion.cues.heads.native import is_native
-from people_fusion.msg import TrackedPersons
+from people_fusion.msg import HeadScores, TrackedPersons
 from people_fusion.ros import topics
 from people_fusion.ros.conversions import frame_from_msg, stamp_from_msg, tracks_from_msg
 from people_fusion.ros.cues import Cues, Waiting
+from people_fusion.ros.head_scores import scores_to_msg
 from people_fusion.ros.images import camera_from_msg, image_from_msg, image_to_msg
 from people_fusion.ros.node import Node, run
 from people_fusion.tracking.fusion import FusionConfig
+from people_fusion.tracking.tracker import TRACKERS
 
+SCORE_QUEUE = 2  # they are large
 IMAGE_BUFFER = 1 << 25  # bytes; rospy lags where an image does not fit
 BUSY = "images skipped: the cues are busy"
 UNCALIBRATED = "image before its camera_info"
@@ -75,6 +80,8 @@ class HeadCues(Cues):
         self.waiting = WaitingRoom(self._is_ready, config.transforms.patience_s, capacity=1, gave_up=self._withdraw)
         self._panoramas: Dict[str, Camera] = {frame: Panorama(each) for frame, each in config.panoramas.items()}
         self._cameras: Dict[str, Camera] = {}
+        self._infos: Dict[str, Any] = {}
+        self._topics: Dict[str, str] = {}  # of the cues' images
         self._by_topic: Dict[str, List[Cue]] = {}
         self._debug: Dict[str, rospy.Publisher] = {}
         self._arrived: Dict[str, _Arrived] = {}
@@ -85,6 +92,7 @@ class HeadCues(Cues):
             base = without_transport(topic)
             info = settings.camera_infos[place] if settings.camera_infos else camera_info_of(topic)
             self._by_topic[topic] = [self._cue(base, key, each, config) for key, each in config.head_cues.items()]
+            self._topics.update({cue.name: topic for cue in self._by_topic[topic]})
             kind = CompressedImage if topic != base else ImageMsg
             node.subscribe(info, CameraInfo, self._on_camera(topic), 1)
             node.subscribe(topic, kind, self._on_image(topic), 1, IMAGE_BUFFER)
@@ -95,6 +103,11 @@ class HeadCues(Cues):
         detectors = [getattr(each, "detector", None) for each in config.head_cues.values()]
         if not is_native() and any(isinstance(each, FhogHeadConfig) for each in detectors):
             rospy.logwarn("the native kernel is not built: fhog_head takes many times as long")
+        self._wanted = TRACKERS.build(config.tracker).scores
+        self._scores: Optional[rospy.Publisher] = None
+        if self._wanted != NO_SCORES:
+            kind = numpy_msg(HeadScores)
+            self._scores = rospy.Publisher(topics.HEAD_SCORES, kind, queue_size=SCORE_QUEUE, tcp_nodelay=True)
         threading.Thread(target=self._work, name="head cues", daemon=True).start()
 
     def serve(self) -> None:
@@ -117,6 +130,7 @@ class HeadCues(Cues):
 
     def _on_camera(self, topic: str) -> Callable[[Any], None]:
         def on_camera(message: Any) -> None:
+            self._infos[topic] = message
             self._cameras[topic] = camera_from_msg(message, rectified=is_rectified(topic))
 
         return on_camera
@@ -187,12 +201,22 @@ class HeadCues(Cues):
 
     def measure(self, waiting: Waiting) -> None:
         """Measure and tell, and draw what was done where somebody looks."""
-        super().measure(waiting)
         cue = waiting.cue
+        watched = self._scores is not None and self._scores.get_num_connections() > 0
+        cue.set_scores(self._wanted if watched else NO_SCORES)
+        super().measure(waiting)
         debug = self._debug[cue.name]
         if debug.get_num_connections() and isinstance(cue, HeadCue) and cue.look is not None:
             image = waiting.data
             debug.publish(image_to_msg(annotated(image.pixels, cue.look), image.stamp_ns, image.frame_id))
+
+    def _publish_scores(self, measurement: Measurement) -> bool:
+        if self._scores is None or measurement.scores is None:
+            return False
+        topic = self._topics[measurement.cue]
+        info = None if measurement.frame_id in self._panoramas else self._infos[topic]
+        self._scores.publish(scores_to_msg(measurement, info, is_rectified(topic)))
+        return True
 
     def _give_up(self, arrived: _Arrived) -> None:
         for announcement in arrived.announcements.values():

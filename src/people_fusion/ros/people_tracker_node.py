@@ -14,14 +14,16 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid as OccupancyGridMsg
 from rospy.numpy_msg import numpy_msg
 
+from people_fusion.core.camera_models import Panorama
 from people_fusion.core.config import parameter
 from people_fusion.core.errors import DataError, TransformUnavailable
+from people_fusion.core.head_scores import NO_SCORES
 from people_fusion.core.measurements import Announcement, Measurement
 from people_fusion.core.poses import UncertainPose
 from people_fusion.core.stamps import NANOSECONDS, from_seconds, to_seconds
 from people_fusion.core.waiting import WaitingRoom
 from people_fusion.cues.cue import TransformRequest
-from people_fusion.msg import DetectedPersons, MeasurementAnnouncement
+from people_fusion.msg import DetectedPersons, HeadScores, MeasurementAnnouncement
 from people_fusion.ros import topics
 from people_fusion.ros.conversions import (
     announcement_from_msg,
@@ -29,6 +31,7 @@ from people_fusion.ros.conversions import (
     localisation_from_msg,
     measurement_from_msg,
 )
+from people_fusion.ros.head_scores import scored_from_msg
 from people_fusion.ros.intake import Entry, Intake
 from people_fusion.ros.node import Node, Part, run
 from people_fusion.ros.outputs import COMPATIBLE, TrackOutputs
@@ -40,6 +43,7 @@ from people_fusion.tracking.roster import MOST_CUES
 DETECTION_QUEUE = 1024
 ANNOUNCEMENT_QUEUE = 1024
 LOCALISATION_QUEUE = 10
+SCORE_QUEUE, SCORE_BUFFER = 4, 1 << 25  # megabytes each
 INTAKE = 64  # measurements a cue: a tracker that is too slow shall not lag by many seconds
 ANNOUNCED = "announcements of "
 JUMPED = "waited when time jumped"
@@ -75,6 +79,7 @@ class PeopleTracker(Part):
 
     def __init__(self, node: Node, settings: PeopleTrackerSettings, config: FusionConfig) -> None:
         self._node, self._frames = node, config.frames
+        self._panoramas = {frame: Panorama(each) for frame, each in config.panoramas.items()}
         self._fusion = Fusion(config, node.source)
         self._waiting: WaitingRoom[Measurement] = WaitingRoom(
             self._is_ready, config.transforms.patience_s, gave_up=self._withdraw
@@ -113,6 +118,8 @@ class PeopleTracker(Part):
         subscribe = self._node.subscribe
         subscribe(topics.ANNOUNCEMENTS, MeasurementAnnouncement, self._on_announcement, ANNOUNCEMENT_QUEUE, 1 << 20)
         subscribe(topics.DETECTIONS, DetectedPersons, self._on_detections, DETECTION_QUEUE, 1 << 20)
+        if self._fusion.scores != NO_SCORES:
+            subscribe(topics.HEAD_SCORES, numpy_msg(HeadScores), self._on_scores, SCORE_QUEUE, SCORE_BUFFER)
 
     def receive(self, item: Union[Announcement, Measurement]) -> None:
         """Take what a cue announces or delivers, in its sensor's frame."""
@@ -255,7 +262,15 @@ class PeopleTracker(Part):
         if message.cue in self._own:
             return
         self._node.diagnostics.heard(topics.DETECTIONS)
+        if message.scored and self._fusion.scores != NO_SCORES:
+            return  # it comes with scores, too
         measurement = measurement_from_msg(message)
+        self._admit(measurement.cue, measurement.stamp_ns)
+        self.receive(measurement)
+
+    def _on_scores(self, message: Any) -> None:
+        self._node.diagnostics.heard(topics.HEAD_SCORES)
+        measurement = scored_from_msg(message, self._panoramas)
         self._admit(measurement.cue, measurement.stamp_ns)
         self.receive(measurement)
 

@@ -14,6 +14,7 @@ TF_STATIC = "/tf_static"
 # From cues to the tracker.
 ANNOUNCEMENTS = "people_fusion/announcements"  # people_fusion/MeasurementAnnouncement of every cue
 DETECTIONS = "people_fusion/detections"  # people_fusion/DetectedPersons of every cue
+HEAD_SCORES = "people_fusion/head_scores"  # people_fusion/HeadScores of head cues, if the preset's tracker takes them
 DETECTION_MARKERS = "people_fusion/detection_markers"  # visualization_msgs/MarkerArray
 DEBUG = "people_fusion/debug"  # and the name of a head cue: sensor_msgs/Image with what it did
 
