@@ -55,16 +55,18 @@ def read_view(path: Union[str, Path], topic: str, panoramas: Mapping[str, Panora
         RecordingError: the recording is damaged, lacks the topic, or nothing describes its camera.
     """
     with Recording(path) as recording:
-        recorded = [each for each in recording.of_kind("Image", "CompressedImage") if _is_of(each.name, topic)]
-        image = recorded[0] if recorded else recording.topic(topic)  # which fails and names those that are there
-        first = next(iter(recording.messages([image]))).read()
-        frame_id = normalise_frame(first.header.frame_id) if hasattr(first, "header") else ""
+        images = [each for each in recording.of_kind("Image", "CompressedImage") if _is_of(each.name, topic)]
+        if not images:
+            there = recording.topic(topic)  # which fails and names those that are there
+            raise RecordingError(f"{path}: {there.name} ({there.type}, {there.count} messages) holds no images")
+        image = images[0]
+        frame_id = normalise_frame(next(iter(recording.messages([image]))).read().header.frame_id)
         camera: Camera
         if frame_id in panoramas:
             camera = Panorama(panoramas[frame_id])
         else:
             infos = [each for each in recording.of_kind("CameraInfo") if each.name == camera_info_of(image.name)]
-            if not infos or not recorded:
+            if not infos:
                 raise RecordingError(f"{path}: neither a camera_info nor a panorama describes {topic} ({frame_id})")
             info = next(iter(recording.messages(infos))).read()
             try:
@@ -138,4 +140,4 @@ def _boxes(camera: Camera, poses: Sequence[Pose], tops: np.ndarray, frames: np.n
 
 
 def _is_of(recorded: str, topic: str) -> bool:
-    return recorded == topic or without_transport(recorded) == topic
+    return topic.strip("/") in (recorded.strip("/"), without_transport(recorded).strip("/"))

@@ -138,6 +138,7 @@ def detection_fields(measurement: Measurement, make: Callable[..., Any]) -> Dict
         "sight_ranges": np.zeros(0, np.float32) if sight is None else sight.ranges.astype(np.float32),
         "legs": [make("geometry_msgs/msg/Point32", *leg, 0.0) for leg in measurement.legs.tolist()],
         "leg_owners": measurement.leg_owners.astype(np.uint32),
+        "scored": False,  # recordings hold no HeadScores
     }
 
 
