@@ -150,7 +150,8 @@ class ImageHeads:
         rows = np.full(len(self._tracks), -1)
         shared = overlaps(self._boxes(), scores.corners)
         tracks, detections = np.nonzero(shared > self.config.overlap)
-        chosen = self._assignment.assign(tracks, detections, -shared[tracks, detections], (len(rows), len(scores.corners)))
+        shape = len(rows), len(scores.corners)
+        chosen = self._assignment.assign(tracks, detections, -shared[tracks, detections], shape)
         rows[tracks[chosen]] = detections[chosen]
         return rows
 
