@@ -104,6 +104,7 @@ def test_presets_load(preset):
         ({"tracks": {}}, "tracks"),
         ({"leg_cue": {"type": "heads"}}, "leg_cue: 'heads' takes Image, not Scan"),
         ({"head_cues": {"face": {"type": "legs"}}}, "head_cues/face: 'legs' takes Scan, not Image"),
+        ({"rgbd_cues": {"kinect": {"type": "heads"}}}, "rgbd_cues/kinect: 'heads' takes Image, not DepthImage"),
         ({"head_cues": {"face": {"type": "heads", "min_range": 9.0}}}, "head_cues/face/max_range"),
     ],
 )

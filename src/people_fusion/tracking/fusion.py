@@ -15,6 +15,7 @@ import numpy as np
 
 from people_fusion.core.camera_models import PanoramaConfig
 from people_fusion.core.config import component, components, load_yaml, merge, parameter, parse, section
+from people_fusion.core.depth_images import DepthImage
 from people_fusion.core.errors import ConfigError, TransformUnavailable
 from people_fusion.core.grids import OccupancyGrid
 from people_fusion.core.head_scores import HeadScores
@@ -56,6 +57,7 @@ class FusionConfig:
     leg_cue: object = component(CUES, LegCueConfig, "how legs are found in a scan")
     panoramas: Dict[str, PanoramaConfig] = parameter({}, "cameras that no CameraInfo describes, by their frame")
     head_cues: Dict[str, object] = components(CUES, "how people are found in an image, by names of your choice")
+    rgbd_cues: Dict[str, object] = components(CUES, "how people are found in a depth image, by names of your choice")
     buffer: object = component(BUFFERS, ReprocessConfig, "what happens to late measurements")
     modalities: Tuple[str, ...] = parameter((), "that the tracker heeds, e.g. [face, upper_body]; empty: all")
     tracker: object = component(TRACKERS, KalmanConfig, "the tracker")
@@ -63,6 +65,7 @@ class FusionConfig:
     def __post_init__(self) -> None:
         cues: List[Tuple[str, object, type]] = [("leg_cue", self.leg_cue, Scan)]
         cues += [(f"head_cues/{name}", cue, Image) for name, cue in self.head_cues.items()]
+        cues += [(f"rgbd_cues/{name}", cue, DepthImage) for name, cue in self.rgbd_cues.items()]
         for path, cue, sensor in cues:
             name = CUES.name_of(cue)
             takes = CUES.class_of(name).takes
