@@ -1,0 +1,273 @@
+"""People in depth images: heads over shoulders on the ground grid, after Munaro and Menegatti (2014)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple, Optional, Tuple
+
+import numpy as np
+from scipy.special import expit
+
+from people_fusion.core.cameras import Camera
+from people_fusion.core.config import parameter
+from people_fusion.core.depth_images import DepthImage
+from people_fusion.core.errors import ConfigError, DataError, TransformUnavailable
+from people_fusion.core.measurements import XYZ_OBSERVED, Measurement
+from people_fusion.core.poses import Pose
+from people_fusion.core.transforms import FramesConfig, TransformSource
+from people_fusion.cues.cue import CUES, Cue, TransformRequest
+from people_fusion.cues.periods import Periods
+from people_fusion.cues.rgbd.floor import Floor, fit_floor
+from people_fusion.cues.rgbd.free_space import free_space
+from people_fusion.cues.rgbd.ground import height_map, local_maxima
+from people_fusion.cues.rgbd.sensors import SENSORS
+from people_fusion.cues.rgbd.upper_bodies import UpperBodies, View, measure
+
+UNKNOWN_PERIOD_S = 0.1
+ROWS = 240  # of the image that the grid is made from; more rows are passed over
+CUT_ROWS = 0.06  # of the image's height: what begins there is cut by its upper edge
+MOST_CANDIDATES = 40
+TABLES = 4  # of rays that are kept: cameras change their resolution, but not often
+FLOOR_EVERY = 3  # of the points
+BEYOND = 0.25  # metres over the highest head that the grid is made of: what is taller is no person
+SITTING_HEIGHT, SITTING_SPREAD = 1.40, 0.06  # at which as many sit as stand, and how soon that changes, metres
+HEAD_STDS = (0.03, 0.02, 0.02)  # of a head's middle about where it is taken to be: along the view, across, up; metres
+PIXEL_STD = 0.7  # of edges, pixels
+# Confidence from the scores of upper_bodies.measure, see docs/rgbd_cue.md.
+LEAST = np.array([0.55, 0.5, 0.65, 0.4, 0.6, 0.5])
+WEIGHTS = np.array([6.0, 4.0, 4.0, 4.0, 4.0, 3.0])
+BIAS = -19.0
+
+
+@dataclass(frozen=True)
+class RgbdCueConfig:
+    """How people are found in a depth image."""
+
+    sensor: str = parameter("kinect", "kind of the camera: its ranges and errors", choices=tuple(sorted(SENSORS)))
+    max_range: float = parameter(6.0, "farthest people, along the floor, metres", low=0.5, high=20.0)
+    head_heights: Tuple[float, float] = parameter(
+        (0.9, 2.1), "of the tops of heads over the floor, sitting or standing, metres"
+    )
+    cell: float = parameter(0.05, "side of the ground grid's cells, metres", low=0.01, high=0.3)
+    head_distance: float = parameter(0.3, "heads are at least this far apart, metres", low=0.1, high=1.0)
+    head_width: Tuple[float, float] = parameter((0.08, 0.33), "of heads, as far as they are seen, metres")
+    shoulder_width: Tuple[float, float] = parameter((0.2, 0.84), "of shoulders, as far as they are seen, metres")
+    shoulder_over_head: float = parameter(0.03, "that shoulders are at least wider, metres", low=0.0, high=0.5)
+    min_confidence: float = parameter(0.3, "finds that are less sure are not told", 0.0, 1.0)
+    floor_height_std: float = parameter(0.05, "error of the camera's height by the transform, metres", 0.001, 1.0)
+    floor_tilt_std: float = parameter(0.03, "error of the camera's tilt by the transform, radians", 0.001, 0.5)
+    floor_points: int = parameter(300, "fewer points near the floor do not correct it", low=10)
+
+    def __post_init__(self) -> None:
+        for name in ("head_heights", "head_width", "shoulder_width"):
+            low, high = getattr(self, name)
+            if not 0.0 < low < high:
+                raise ConfigError(f"{name}: expected two positive numbers, the lower first, got {[low, high]}")
+
+
+class DepthLook(NamedTuple):
+    """What was done with one depth image, for those who want to see it.
+
+    Attributes:
+        floor: as it was corrected, in level axes that look where the camera looks.
+        level_from_camera: pose of the camera in those axes.
+        candidates: all that was checked.
+        confidences: (N,) of them.
+        kept: indices of those that are people as far as the cue can tell.
+    """
+
+    floor: Floor
+    level_from_camera: Pose
+    candidates: UpperBodies
+    confidences: np.ndarray
+    kept: np.ndarray
+
+
+class _Cloud(NamedTuple):
+    """Points (N, 3) in level axes, their depths (N,), and whether the image's upper edge cuts them (N,)."""
+
+    points: np.ndarray
+    depths: np.ndarray
+    cut: np.ndarray
+
+
+@CUES.register("rgbd", RgbdCueConfig)
+class RgbdCue(Cue):
+    """One depth camera's images.
+
+    Attributes:
+        look: what was done with the last image, or None.
+    """
+
+    takes: type = DepthImage
+    modality = "rgbd"
+
+    def __init__(self, config: RgbdCueConfig, name: str, frames: FramesConfig) -> None:
+        self.config, self.name, self.frames = config, name, frames
+        self.look: Optional[DepthLook] = None
+        self._sensor = SENSORS[config.sensor]
+        self._tables: dict = {}
+        self._periods = Periods()
+        self._sequence = 0
+
+    def reset(self) -> None:
+        """See Cue."""
+        self._periods.reset()
+        self.look = None
+
+    def transforms_needed(self, data: DepthImage) -> Tuple[TransformRequest, ...]:
+        """See Cue."""
+        return (TransformRequest(self.frames.odom or self.frames.world, data.frame_id, data.stamp_ns),)
+
+    def measure(self, data: DepthImage, transforms: Optional[TransformSource]) -> Measurement:
+        """See Cue; without transforms nobody knows which way is up."""
+        if transforms is None:
+            raise TransformUnavailable(f"{self.name}: a camera's place on the robot comes from tf", may_arrive=False)
+        depths, camera = data.depths, data.camera
+        if depths.ndim != 2 or depths.shape != (camera.height, camera.width):
+            raise DataError("depth image of another size than its camera's", f"{depths.shape}")
+        level_from_camera = _facing(transforms.lookup(*self.transforms_needed(data)[0]))
+        cloud = self._cloud(data, level_from_camera)
+        floor = self._floor(cloud)
+        heights = floor.heights(cloud.points)
+        view = View(data, self._sensor, level_from_camera)
+        tops = self._tops(cloud, heights)
+        found = measure(view, tops, tops[:, 2] - floor.heights(tops))
+        confidences = self._confidences(found, floor)
+        kept = self._distinct(found, confidences)
+        self.look = DepthLook(floor, level_from_camera, found, confidences, kept)
+        positions, covariances = self._heads(found.take(kept), floor, data.camera, level_from_camera)
+        self._sequence += 1
+        return Measurement(
+            stamp_ns=data.stamp_ns,
+            cue=self.name,
+            modality=self.modality,
+            frame_id=data.frame_id,
+            positions=positions,
+            covariances=covariances,
+            confidences=confidences[kept],
+            observed=XYZ_OBSERVED,
+            period_s=self._periods.note(data.stamp_ns) or UNKNOWN_PERIOD_S,
+            sequence=self._sequence,
+            sight=free_space(cloud.points, heights, _half_angle(camera), self.config.max_range),
+        )
+
+    def _cloud(self, image: DepthImage, level_from_camera: Pose) -> _Cloud:
+        """The points of every other row and column, or so."""
+        stride, table = self._table(image.camera)
+        depths = image.depths[::stride, ::stride]
+        valid = (depths > self._sensor.min_range) & (depths < self._sensor.max_range)  # false for NaN
+        first = valid.argmax(axis=0)
+        cut = np.zeros(depths.shape, dtype=bool)
+        edge = first < CUT_ROWS * len(depths)
+        cut[first[edge], np.flatnonzero(edge)] = True
+        taken = np.flatnonzero(valid)
+        rays = table[taken] @ level_from_camera.rotation.T.astype(np.float32)
+        seen = depths.ravel()[taken]
+        points = rays * seen[:, None]
+        points += level_from_camera.translation.astype(np.float32)
+        return _Cloud(points, seen, cut.ravel()[taken])
+
+    def _table(self, camera: Camera) -> Tuple[int, np.ndarray]:
+        """Which rows and columns are looked at, and the points (N, 3) at depth 1 that these pixels see."""
+        key = id(camera)
+        if key not in self._tables:
+            stride = max(round(camera.height / ROWS), 1)
+            rows, columns = np.mgrid[0 : camera.height : stride, 0 : camera.width : stride]
+            rays = camera.rays(np.column_stack([columns.ravel(), rows.ravel()]).astype(float))
+            table = (rays / rays[:, 2:]).astype(np.float32)
+            if len(self._tables) >= TABLES:
+                self._tables.clear()
+            self._tables[key] = camera, stride, table  # with the camera, so that its id stays its own
+        return self._tables[key][1:]
+
+    def _floor(self, cloud: _Cloud) -> Floor:
+        config = self.config
+        some = slice(None, None, FLOOR_EVERY)
+        points = cloud.points[some]
+        stds = self._sensor.stds(cloud.depths[some])
+        return fit_floor(points, stds, config.floor_height_std, config.floor_tilt_std, config.floor_points)
+
+    def _tops(self, cloud: _Cloud, heights: np.ndarray) -> np.ndarray:
+        """(N, 3) tops of what may be people."""
+        config = self.config
+        low, high = config.head_heights
+        rows = np.flatnonzero((heights > low - BEYOND) & (heights < high + 2.0 * BEYOND))
+        if len(rows) == 0:
+            return np.zeros((0, 3))
+        points = cloud.points[rows]
+        highest, owners = height_map(points, heights[rows], config.cell, config.max_range)
+        # What is taller than people, or goes on beyond the image, is no top.
+        highest[(highest > high) | cloud.cut[rows][owners] & (highest > 0.0)] = 0.0
+        radius = max(round(0.6 * config.head_distance / config.cell), 1)
+        found = owners[local_maxima(highest, low, radius)]
+        found = found[np.argsort(np.hypot(points[found, 0], points[found, 1]))][:MOST_CANDIDATES]
+        return points[found].astype(float)
+
+    def _confidences(self, found: UpperBodies, floor: Floor) -> np.ndarray:
+        """(N,) that they are people."""
+        config = self.config
+        heights = floor.heights(found.tops)
+        heads, shoulders = found.widths.T
+        fits = (found.scores >= LEAST).all(axis=1)
+        fits &= (heights >= config.head_heights[0]) & (heights <= config.head_heights[1])
+        fits &= (heads >= config.head_width[0]) & (heads <= config.head_width[1])
+        fits &= (shoulders >= config.shoulder_width[0]) & (shoulders <= config.shoulder_width[1])
+        fits &= shoulders >= heads + config.shoulder_over_head
+        return np.where(fits, expit(found.scores @ WEIGHTS + BIAS), 0.0)
+
+    def _distinct(self, found: UpperBodies, confidences: np.ndarray) -> np.ndarray:
+        """Indices of the surest finds that are as far apart as heads are."""
+        kept: list = []
+        for row in np.argsort(-confidences, kind="stable"):
+            if confidences[row] < max(self.config.min_confidence, 1e-9):
+                break
+            offsets = found.middles[kept] - found.middles[row]
+            if not (np.hypot(offsets[:, 0], offsets[:, 1]) < self.config.head_distance).any():
+                kept.append(row)
+        return np.array(kept, dtype=int)
+
+    def _heads(
+        self, found: UpperBodies, floor: Floor, camera: Camera, level_from_camera: Pose
+    ) -> Tuple[np.ndarray, np.ndarray]:
+        """Positions (N, 3) and covariances (N, 3, 3) in the camera's frame."""
+        rotation = level_from_camera.rotation
+        arms = found.middles - level_from_camera.translation
+        distances = np.linalg.norm(arms, axis=1)
+        along = arms / distances[:, None]
+        across = np.column_stack([-along[:, 1], along[:, 0], np.zeros(len(arms))])
+        across /= np.maximum(np.linalg.norm(across, axis=1), 1e-9)[:, None]
+        up = np.cross(along, across)
+        centre = np.array([[0.5 * (camera.width - 1), 0.5 * (camera.height - 1)]])
+        edge_std = PIXEL_STD * np.linalg.norm(camera.ray_jacobians(centre)[0], axis=0).mean() * distances
+        depth_std = self._sensor.stds(arms @ rotation[:, 2])
+        # The floor's error moves the height at which people may be, not where they are seen; its correction tells how
+        # wrong the transform is that will place them.
+        lifts = found.middles[:, 2] - floor.heights(found.middles)
+        variances = np.column_stack(
+            [
+                depth_std**2 + HEAD_STDS[0] ** 2,
+                edge_std**2 + HEAD_STDS[1] ** 2,
+                edge_std**2 + HEAD_STDS[2] ** 2 + lifts**2,
+            ]
+        )
+        axes = np.stack([along, across, up], axis=1) @ rotation
+        covariances = np.einsum("nki,nk,nkj->nij", axes, variances, axes)
+        return arms @ rotation, 0.5 * (covariances + np.swapaxes(covariances, 1, 2))
+
+
+def _facing(frame_from_camera: Pose) -> Pose:
+    """Pose of the camera in level axes beneath it that look where it looks."""
+    ahead = frame_from_camera.rotation[:2, 2]
+    heading = math.atan2(ahead[1], ahead[0])
+    turn = Pose.from_xy_yaw(0.0, 0.0, -heading).rotation
+    height = np.array([0.0, 0.0, frame_from_camera.translation[2]])
+    return Pose(turn @ frame_from_camera.rotation, height)
+
+
+def _half_angle(camera: Camera) -> float:
+    """To the side of the image, at the height of its middle, radians."""
+    middle = 0.5 * (camera.height - 1)
+    rays = camera.rays(np.array([[0.0, middle], [camera.width - 1.0, middle]]))
+    return float(np.abs(np.arctan2(rays[:, 0], rays[:, 2])).max())
