@@ -88,11 +88,13 @@ class MeasurementModel(abc.ABC):
 
     Attributes:
         after_weighing: whether detections are assigned to the tracks as they are after weighing, too.
-        starts: whether its detections start tracks, and confirm them.
+        starts: whether its detections start tracks.
+        confirms: whether they make a person of a track.
     """
 
     after_weighing: ClassVar[bool] = False
     starts: bool
+    confirms: bool
 
     @abc.abstractmethod
     def associate(self, belief: Belief, measurement: Measurement) -> Pairing:

@@ -37,7 +37,8 @@ class GaussianModel(MeasurementModel):
     """See the module. Tracks without a detection keep their weights."""
 
     def __init__(self, config: GaussianModelConfig) -> None:
-        self.config, self.starts = config, config.starts
+        self.config = config
+        self.starts = self.confirms = config.starts
         self._assignment = ASSIGNMENT_METHODS.build(config.assignment)
 
     def associate(self, belief: Belief, measurement: Measurement) -> Pairing:

@@ -55,7 +55,7 @@ class HeadScoreModel(MeasurementModel):
     """See the module. Where a cue gives no scores, its detections are taken as Gaussians."""
 
     after_weighing = True
-    starts = True
+    starts = confirms = True
 
     def __init__(self, config: HeadScoreModelConfig) -> None:
         self.config = config

@@ -24,7 +24,8 @@ class LegModelConfig:
     """Which legs are whose."""
 
     reach: float = parameter(0.5, "largest distance of a track and its leg on the ground, metres", low=0.01)
-    starts: bool = parameter(False, "legs of nobody, in pairs as the cue makes them, start tracks; legs confirm tracks")
+    starts: bool = parameter(False, "legs of nobody, in pairs as the cue makes them, start tracks")
+    confirms: bool = parameter(True, "legs confirm tracks, where they start them")
 
 
 @MEASUREMENT_MODELS.register("legs", LegModelConfig)
@@ -33,6 +34,7 @@ class LegModel(MeasurementModel):
 
     def __init__(self, config: LegModelConfig) -> None:
         self.config, self.starts = config, config.starts
+        self.confirms = config.starts and config.confirms
 
     def associate(self, belief: Belief, measurement: Measurement) -> Pairing:
         """Nearest first: each leg to one track at most, two legs to a track at most."""

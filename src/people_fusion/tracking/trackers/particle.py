@@ -120,7 +120,7 @@ class ParticleTracker(Tracker):
         count = len(born.rows) if born is not None else 0
         if born is not None and count:
             self._begin(measurement, born, age_s)
-        testimony = model.testimony(belief, measurement, pairing) if model.starts else np.zeros(len(belief))
+        testimony = model.testimony(belief, measurement, pairing) if model.confirms else np.zeros(len(belief))
         self._judge(model, measurement, pairing, seen, testimony, count, duration_s)
         self._state = dataclasses.replace(self._state, generator=self._rng.bit_generator.state)
 
@@ -313,7 +313,7 @@ class ParticleTracker(Tracker):
                 np.pad(confidences, (0, count)),
                 np.pad(pairing.log_likelihoods, (0, count)),
                 in_sight,
-                np.pad(pairing.detected, (0, count), constant_values=True) & model.starts,
+                np.pad(pairing.detected, (0, count), constant_values=True) & model.confirms,
                 np.pad(testimony, (0, count)),
             ),
         )
