@@ -174,6 +174,39 @@ def test_whom_nobody_could_see_is_not_doubted():
     assert tracker.tracks().confirmed[near].tolist() == [True]
 
 
+def with_features(measurement, dimensions=22, seed=0):
+    """Cells of which nothing is known but that all are different."""
+    rng, scores = np.random.default_rng(seed), measurement.scores
+    layers = []
+    for layer in scores.layers:
+        rows, cols = layer.scores.shape
+        shape = rows + scores.window.rows - 1, cols + scores.window.cols - 1, dimensions
+        layers.append(layer._replace(features=rng.random(shape).astype(np.float32)))
+    return dataclasses.replace(measurement, scores=dataclasses.replace(scores, layers=tuple(layers)))
+
+
+def without_layers(measurement):
+    """An image too small for any window."""
+    return dataclasses.replace(measurement, scores=dataclasses.replace(measurement.scores, layers=()))
+
+
+@pytest.mark.parametrize(
+    "other",
+    [lambda entry: with_features(entry, dimensions=10), without_layers, lambda entry: entry],
+    ids=["another detector's", "no windows", "no features"],
+)
+def test_looks_survive_images_of_another_kind(other):
+    """A head cue that comes back with another detector, or another camera beside the first."""
+    pytest.importorskip("people_fusion.cues.heads.appearance")
+    tracker = heads_tracker(adaptive=True)
+    for step in range(15):
+        measurement = image(0.1 * step, [walked(step)], sequence=step)
+        tracker.process(other(measurement) if 5 <= step < 10 else with_features(measurement, seed=step))
+    tracks = tracker.tracks()
+    assert tracks.confirmed.tolist() == [True]
+    np.testing.assert_allclose(tracks.means[0, :2], walked(14)[:2], atol=0.3)
+
+
 def test_features_are_asked_for_by_appearance_alone():
     pytest.importorskip("people_fusion.cues.heads.appearance")
     assert heads_tracker(adaptive=True).scores == FEATURES

@@ -88,7 +88,7 @@ class HeadScores:
     @property
     def has_features(self) -> bool:
         """Whether other models can be scored on the same cells."""
-        return all(layer.features.size > 0 for layer in self.layers)
+        return bool(self.layers) and all(layer.features.size > 0 for layer in self.layers)
 
     def select(self, rows: np.ndarray) -> HeadScores:
         """The same image with some of the detections, by mask or index."""

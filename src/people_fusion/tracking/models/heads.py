@@ -131,8 +131,7 @@ class HeadScoreModel(MeasurementModel):
         scores = measurement.scores
         if not self.config.adaptive or scores is None or not scores.has_features or len(belief) == 0:
             return belief.memory
-        size = length(scores.window, scores.layers[0].features.shape[2])
-        models = belief.memory
+        size, models = _length(scores), belief.memory
         if models.shape[1] != size:  # none yet, or of another detector
             models = np.zeros((len(belief), size), dtype=np.float32)
         places = _places_of_means(belief, scores)
@@ -147,7 +146,7 @@ class HeadScoreModel(MeasurementModel):
         """(T, N) scores of places by the class and by each person's own model; NaN where there is none."""
         of_class = interpolated([layer.scores for layer in scores.layers], _flat(places)).reshape(places.layers.shape)
         own = np.full(places.layers.shape, np.nan)
-        if scores.has_features and belief.memory.shape[1]:
+        if scores.has_features and belief.memory.shape[1] == _length(scores):  # else none, or of another detector
             known = is_learnt(belief.memory)
             own[known] = scores_of(belief.memory[known], scores, Places(*(column[known] for column in places)))
         return of_class, own
@@ -157,6 +156,11 @@ def _likelihoods(scores: HeadScores, of_class: np.ndarray, own: np.ndarray) -> n
     """p(z | x, v): eq. 7.5 where a person's own looks are known, eq. 7.4 where not; NaN where nothing was scored."""
     p_c, p_i = (1.0 / (1.0 + np.exp(np.clip(scores.platt_slope * each, -500.0, 500.0))) for each in (of_class, own))
     return np.where(np.isnan(p_i), p_c, np.sqrt(p_c * p_i))
+
+
+def _length(scores: HeadScores) -> int:
+    """K of the models of people's looks that go with an image's features."""
+    return length(scores.window, scores.layers[0].features.shape[2])
 
 
 def _places_of_means(belief: Belief, scores: HeadScores) -> Places:
