@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
+from scipy.ndimage import binary_dilation
 from scipy.special import expit
 
 from people_fusion.core.cameras import Camera
@@ -35,9 +36,9 @@ SITTING_HEIGHT, SITTING_SPREAD = 1.40, 0.06  # at which as many sit as stand, an
 HEAD_STDS = (0.03, 0.02, 0.02)  # of a head's middle about where it is taken to be: along the view, across, up; metres
 PIXEL_STD = 0.7  # of edges, pixels
 # Confidence from the scores of upper_bodies.measure, see docs/rgbd_cue.md.
-LEAST = np.array([0.55, 0.5, 0.65, 0.4, 0.6, 0.5])
-WEIGHTS = np.array([6.0, 4.0, 4.0, 4.0, 4.0, 3.0])
-BIAS = -19.0
+LEAST = np.array([0.6, 0.5, 0.6, 0.1, 0.5, 0.6])
+PENALTIES = np.array([10.0, 8.0, 6.0, 4.0, 6.0, 6.0])  # of what is not as it should be
+PERFECT = 4.5  # log odds
 
 
 @dataclass(frozen=True)
@@ -51,9 +52,10 @@ class RgbdCueConfig:
     )
     cell: float = parameter(0.05, "side of the ground grid's cells, metres", low=0.01, high=0.3)
     head_distance: float = parameter(0.3, "heads are at least this far apart, metres", low=0.1, high=1.0)
-    head_width: Tuple[float, float] = parameter((0.08, 0.33), "of heads, as far as they are seen, metres")
-    shoulder_width: Tuple[float, float] = parameter((0.2, 0.84), "of shoulders, as far as they are seen, metres")
-    shoulder_over_head: float = parameter(0.03, "that shoulders are at least wider, metres", low=0.0, high=0.5)
+    head_width: Tuple[float, float] = parameter((0.08, 0.255), "of heads, as far as they are seen, metres")
+    shoulder_width: Tuple[float, float] = parameter((0.14, 0.84), "of shoulders, as far as they are seen, metres")
+    shoulder_over_head: float = parameter(0.025, "that shoulders are at least wider, metres", low=0.0, high=0.5)
+    neck_under_head: float = parameter(0.05, "or that a neck is at least narrower, metres", low=0.0, high=0.5)
     min_confidence: float = parameter(0.3, "finds that are less sure are not told", 0.0, 1.0)
     floor_height_std: float = parameter(0.05, "error of the camera's height by the transform, metres", 0.001, 1.0)
     floor_tilt_std: float = parameter(0.03, "error of the camera's tilt by the transform, radians", 0.001, 0.5)
@@ -198,9 +200,10 @@ class RgbdCue(Cue):
             return np.zeros((0, 3))
         points = cloud.points[rows]
         highest, owners = height_map(points, heights[rows], config.cell, config.max_range)
-        # What is taller than people, or goes on beyond the image, is no top.
-        highest[(highest > high) | cloud.cut[rows][owners] & (highest > 0.0)] = 0.0
-        radius = max(round(0.6 * config.head_distance / config.cell), 1)
+        # What is taller than people, or goes on beyond the image, is no top, nor is what the noise tears off it.
+        endless = (highest > high) | (cloud.cut[rows][owners] & (highest > 0.0))
+        highest[binary_dilation(endless, np.ones((3, 3), dtype=bool))] = 0.0
+        radius = max(round(0.5 * config.head_distance / config.cell), 1)
         found = owners[local_maxima(highest, low, radius)]
         found = found[np.argsort(np.hypot(points[found, 0], points[found, 1]))][:MOST_CANDIDATES]
         return points[found].astype(float)
@@ -209,13 +212,14 @@ class RgbdCue(Cue):
         """(N,) that they are people."""
         config = self.config
         heights = floor.heights(found.tops)
-        heads, shoulders = found.widths.T
+        heads, necks, shoulders = found.widths.T
         fits = (found.scores >= LEAST).all(axis=1)
         fits &= (heights >= config.head_heights[0]) & (heights <= config.head_heights[1])
         fits &= (heads >= config.head_width[0]) & (heads <= config.head_width[1])
         fits &= (shoulders >= config.shoulder_width[0]) & (shoulders <= config.shoulder_width[1])
-        fits &= shoulders >= heads + config.shoulder_over_head
-        return np.where(fits, expit(found.scores @ WEIGHTS + BIAS), 0.0)
+        # From the side shoulders may be no wider than the head, but then there is a neck; a post has neither.
+        fits &= (shoulders >= heads + config.shoulder_over_head) | (necks <= heads - config.neck_under_head)
+        return np.where(fits, expit(PERFECT - (1.0 - found.scores) @ PENALTIES), 0.0)
 
     def _distinct(self, found: UpperBodies, confidences: np.ndarray) -> np.ndarray:
         """Indices of the surest finds that are as far apart as heads are."""

@@ -20,23 +20,26 @@ BODY_BEFORE_M, BODY_BEHIND_M = 0.3, 0.22  # a body's surface is this near to the
 BEHIND_STDS = 2.0  # and this much of the sensor's error more
 HEAD_DEPTH = 0.085  # from the surface that is seen of a head to its middle, along the line of sight, metres
 HEAD_DROP = 0.11  # from its top to its middle, metres
+FACE, HEAD_EXTENT = 0.07, 0.17  # half width of a face, and how deep a head may be, metres
 STEP = 0.03  # of samples, metres
 
 _ACROSS = np.arange(-14, 15) * STEP  # u, to the left
 _DOWN = np.arange(-5, 20) * STEP  # v, from the top
 _V, _U = np.meshgrid(_DOWN, _ACROSS, indexing="ij")
 _HEAD = (np.hypot(_U / 0.08, (_V - 0.11) / 0.10) < 1.0).ravel()
-_CHEST = ((np.abs(_U) < 0.125) & (_V > 0.35)).ravel()
 _BESIDE = (_V > -0.01) & (_V < 0.17) & (np.abs(_U) > 0.165) & (np.abs(_U) < 0.29)
 _LEFT, _RIGHT = (_BESIDE & (_U > 0)).ravel(), (_BESIDE & (_U < 0)).ravel()
 _ABOVE = ((np.abs(_U) < 0.07) & (_V < -0.05)).ravel()
-_HEAD_ROWS = np.flatnonzero((_DOWN > 0.05) & (_DOWN < 0.17))
+_HEAD_ROWS = np.flatnonzero((_DOWN > 0.05) & (_DOWN < 0.13))
+_NECK_ROWS = np.flatnonzero((_DOWN > 0.17) & (_DOWN < 0.32))
 _SHOULDER_ROWS = np.flatnonzero((_DOWN > 0.30) & (_DOWN < 0.5))
+_CHEST_ROWS = np.flatnonzero(_DOWN > 0.35)
+_CHEST_COLUMNS, _CHEST_ASIDE = 9, 5  # samples: its width, and how far it may be from beneath the head to either side
 _MIDDLE = len(_ACROSS) // 2
 
 # What each sample says for the part, by BODY, BEHIND, BEFORE, UNKNOWN, OUTSIDE.
 _FILLED = np.array([1.0, 0.0, 0.4, 0.5, 0.3], dtype=np.float32)
-_FILLED_OR_HIDDEN = np.array([1.0, 0.0, 0.7, 0.4, 0.5], dtype=np.float32)
+_FILLED_OR_HIDDEN = np.array([1.0, 0.0, 0.8, 0.4, 0.5], dtype=np.float32)
 _FREE = np.array([0.0, 1.0, 0.4, 0.8, 0.5], dtype=np.float32)
 _FREE_ABOVE = np.array([0.0, 1.0, 0.4, 1.0, 0.3], dtype=np.float32)
 _NOT_SEEN_THROUGH = np.array([1.0, 0.0, 1.0, 0.8, 0.8], dtype=np.float32)
@@ -45,7 +48,8 @@ _FINE_DOWN = np.arange(-12, 11) * 0.01
 _FINE_ACROSS = np.array([-0.03, 0.0, 0.03])
 _FACE_DOWN = np.array([0.04, 0.07, 0.10, 0.13, 0.16])
 _FACE_ACROSS = np.arange(-8, 9) * 0.02
-_LEGS_ACROSS = np.array([-0.08, 0.0, 0.08])
+_LEGS_ACROSS = np.arange(-5, 6) * 0.07  # of who leans, legs are not beneath the head ...
+_LEGS_BEHIND = 0.6  # ... nor at its distance, metres
 
 
 class View(NamedTuple):
@@ -90,7 +94,7 @@ class UpperBodies(NamedTuple):
         tops: (N, 3) of the heads, on the surface that is seen, level axes, metres.
         middles: (N, 3) of the heads.
         scores: (N, 6) in [0, 1]: head, chest, the emptier side of the head, the other, above it, beneath the chest.
-        widths: (N, 2) of head and shoulders as far as they are seen, metres.
+        widths: (N, 3) of head, neck and shoulders as far as they are seen, metres.
     """
 
     tops: np.ndarray
@@ -117,23 +121,21 @@ def measure(view: View, tops: np.ndarray, floor_heights: np.ndarray) -> UpperBod
         tops = _aligned(view, tops, ahead, across)
     samples = _plane(tops, across, _U.ravel(), _V.ravel())
     codes, _ = view.look(samples)
-    beneath, _ = view.look(_beneath(tops, across, floor_heights))
     sides = np.stack([_mean(_FREE, codes[:, side]) for side in (_LEFT, _RIGHT)])
     scores = np.stack(
         [
             _mean(_FILLED, codes[:, _HEAD]),
-            _mean(_FILLED_OR_HIDDEN, codes[:, _CHEST]),
+            _chest(codes.reshape(len(tops), len(_DOWN), len(_ACROSS))),
             sides.max(axis=0),
             sides.min(axis=0),
             _mean(_FREE_ABOVE, codes[:, _ABOVE]),
-            _mean(_NOT_SEEN_THROUGH, beneath),
+            _support(*view.look(_beneath(tops, across, floor_heights))),
         ],
         axis=1,
     )
     grid = codes.reshape(len(tops), len(_DOWN), len(_ACROSS)) == BODY
-    widths = np.stack(
-        [np.median(_runs(grid[:, _HEAD_ROWS]), axis=1), _runs(grid[:, _SHOULDER_ROWS]).max(axis=1)], axis=1
-    )
+    heads, necks = np.median(_runs(grid[:, _HEAD_ROWS]), axis=1), _runs(grid[:, _NECK_ROWS]).min(axis=1)
+    widths = np.stack([heads, necks, STEP * grid[:, _SHOULDER_ROWS].sum(axis=2).max(axis=1)], axis=1)
     middles = tops + HEAD_DEPTH * np.pad(ahead, ((0, 0), (0, 1))) - [0.0, 0.0, HEAD_DROP]
     return UpperBodies(tops, middles, scores, widths)
 
@@ -153,13 +155,28 @@ def _plane(tops: np.ndarray, across: np.ndarray, u: np.ndarray, v: np.ndarray) -
 
 
 def _beneath(tops: np.ndarray, across: np.ndarray, floor_heights: np.ndarray) -> np.ndarray:
-    """(N, K, 3) samples between the chest and the knees."""
-    lowest = np.maximum(tops[:, 2] - floor_heights - 0.4, 0.6)
+    """(N, 6, L, 3) samples between the chest and the shins."""
+    lowest = np.maximum(tops[:, 2] - floor_heights - 0.25, 0.6)
     downs = 0.6 + (lowest[:, None] - 0.6) * np.linspace(0.0, 1.0, 6)
     samples = np.empty((len(tops), 6, len(_LEGS_ACROSS), 3))
     samples[..., :2] = (tops[:, None, :2] + _LEGS_ACROSS[:, None] * across[:, None])[:, None]
     samples[..., 2] = (tops[:, None, 2] - downs)[:, :, None]
-    return samples.reshape(len(tops), -1, 3)
+    return samples
+
+
+def _support(codes: np.ndarray, behind: np.ndarray) -> np.ndarray:
+    """(N,) share of the levels of `_beneath` at which something is."""
+    with np.errstate(invalid="ignore"):
+        codes = np.where((codes == BEHIND) & (behind < _LEGS_BEHIND), BODY, codes)
+    return np.asarray(_NOT_SEEN_THROUGH[codes].max(axis=2).mean(axis=1))
+
+
+def _chest(codes: np.ndarray) -> np.ndarray:
+    """(N,) how much of a chest is filled, beneath the head or somewhat aside of it."""
+    filled = _FILLED_OR_HIDDEN[codes[:, _CHEST_ROWS]].mean(axis=1)
+    first = _MIDDLE - _CHEST_COLUMNS // 2
+    windows = [filled[:, first + aside :][:, :_CHEST_COLUMNS] for aside in range(-_CHEST_ASIDE, _CHEST_ASIDE + 1)]
+    return np.asarray(np.stack(windows).mean(axis=2).max(axis=0))
 
 
 def _aligned(view: View, tops: np.ndarray, ahead: np.ndarray, across: np.ndarray) -> np.ndarray:
@@ -167,10 +184,12 @@ def _aligned(view: View, tops: np.ndarray, ahead: np.ndarray, across: np.ndarray
     v, u = (axis.ravel() for axis in np.meshgrid(_FACE_DOWN, _FACE_ACROSS, indexing="ij"))
     codes, behind = view.look(_plane(tops, across, u, v))
     is_body = codes == BODY
-    counts = np.maximum(is_body.sum(axis=1), 1)
-    aside = (is_body * u).sum(axis=1) / counts
+    middle = np.where(is_body, behind, np.inf)[:, np.abs(u) < FACE]  # infinite ones do not reach the lower quartile ...
+    deeper = np.sort(middle, axis=1)[:, middle.shape[1] // 4]
+    deeper[np.isinf(deeper)] = 0.0  # ... or all do
     with np.errstate(invalid="ignore"):
-        deeper = np.where(is_body, behind, 0.0).sum(axis=1) / counts
+        is_body &= np.abs(behind - deeper[:, None]) < HEAD_EXTENT
+    aside = (is_body * u).sum(axis=1) / np.maximum(is_body.sum(axis=1), 1)
     tops = tops.copy()
     tops[:, :2] += aside[:, None] * across + deeper[:, None] * ahead
     v, u = (axis.ravel() for axis in np.meshgrid(_FINE_DOWN, _FINE_ACROSS, indexing="ij"))
