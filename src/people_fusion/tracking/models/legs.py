@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Tuple
 
 import numpy as np
 
@@ -38,7 +39,7 @@ class LegModel(MeasurementModel):
 
     def associate(self, belief: Belief, measurement: Measurement) -> Pairing:
         """Nearest first: each leg to one track at most, two legs to a track at most."""
-        pairing, legs = Pairing.nothing(len(belief), len(measurement)), measurement.legs
+        pairing, (legs, owners) = Pairing.nothing(len(belief), len(measurement)), _legs(measurement)
         apart = np.hypot(*(belief.means[:, None, :2] - legs[None]).transpose(2, 0, 1))
         tracks, parts = np.nonzero(apart <= self.config.reach)
         owns = np.full((len(belief), 2), NONE)
@@ -50,18 +51,12 @@ class LegModel(MeasurementModel):
                 free[leg] = False
         for track in np.flatnonzero(owns[:, 0] != NONE).tolist():
             mine = owns[track][owns[track] != NONE]
-            pairing.rows[track] = measurement.leg_owners[mine[0]]
-            pairing.used[measurement.leg_owners[mine]] = True
-            pairing.points[track] = self._middle(measurement, mine)
+            pairing.rows[track] = owners[mine[0]]
+            pairing.used[owners[mine]] = True
+            # A single one that the cue has no second to: where the cue sees the person.
+            is_lone = len(mine) == 1 and np.count_nonzero(owners == owners[mine[0]]) == 1
+            pairing.points[track] = measurement.positions[owners[mine[0]], :2] if is_lone else legs[mine].mean(axis=0)
         return pairing
-
-    @staticmethod
-    def _middle(measurement: Measurement, legs: np.ndarray) -> np.ndarray:
-        """Of a track's legs; of a single one that the cue has no second to, where the cue sees the person."""
-        owner = measurement.leg_owners[legs[0]]
-        if len(legs) == 1 and np.count_nonzero(measurement.leg_owners == owner) == 1:
-            return np.asarray(measurement.positions[owner, :2])
-        return np.asarray(measurement.legs[legs].mean(axis=0))
 
     def weigh(
         self,
@@ -88,3 +83,10 @@ class LegModel(MeasurementModel):
         """People of the cue none of whose legs belongs to a track."""
         rows = np.flatnonzero(~pairing.used)
         return Births(measurement.positions[rows], measurement.covariances[rows], rows)
+
+
+def _legs(measurement: Measurement) -> Tuple[np.ndarray, np.ndarray]:
+    """(L, 2) legs and (L,) whose they are; a person whose legs the cue does not tell has one where he is."""
+    (legless,) = np.nonzero(~np.isin(np.arange(len(measurement)), measurement.leg_owners))
+    legs = np.concatenate([measurement.legs, measurement.positions[legless, :2]])
+    return legs, np.concatenate([measurement.leg_owners, legless])
