@@ -67,3 +67,14 @@ def image(time_s, heads, found=None, sequence=0, **changes):
         sequence=sequence,
         scores=scores,
     )
+
+
+def with_features(measurement, dimensions=22, seed=0):
+    """Cells of which nothing is known but that all are different."""
+    rng, scores = np.random.default_rng(seed), measurement.scores
+    layers = []
+    for layer in scores.layers:
+        rows, cols = layer.scores.shape
+        shape = rows + scores.window.rows - 1, cols + scores.window.cols - 1, dimensions
+        layers.append(layer._replace(features=rng.random(shape).astype(np.float32)))
+    return dataclasses.replace(measurement, scores=dataclasses.replace(scores, layers=tuple(layers)))

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from score_images import image
+from score_images import image, with_features
 
 from people_fusion.core.config import parse
 from people_fusion.core.head_scores import FEATURES, NO_SCORES, SCORES
@@ -172,17 +172,6 @@ def test_whom_nobody_could_see_is_not_doubted():
         tracker.process(legs)
     near = np.hypot(*(tracker.tracks().means[:, :2] - behind[:2]).T) < 0.3
     assert tracker.tracks().confirmed[near].tolist() == [True]
-
-
-def with_features(measurement, dimensions=22, seed=0):
-    """Cells of which nothing is known but that all are different."""
-    rng, scores = np.random.default_rng(seed), measurement.scores
-    layers = []
-    for layer in scores.layers:
-        rows, cols = layer.scores.shape
-        shape = rows + scores.window.rows - 1, cols + scores.window.cols - 1, dimensions
-        layers.append(layer._replace(features=rng.random(shape).astype(np.float32)))
-    return dataclasses.replace(measurement, scores=dataclasses.replace(scores, layers=tuple(layers)))
 
 
 def without_layers(measurement):
