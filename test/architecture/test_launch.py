@@ -28,6 +28,15 @@ LAUNCHES: Dict[str, List[str]] = {
     "people_fusion.launch scan_front:=none scan_rear:=/r": ["/leg_cue_rear", "/people_tracker"],
     "people_fusion.launch preset:=leg_mht": ["/leg_cue_front", "/people_tracker"],
     "people_fusion.launch preset:=kalman_over_legs": ["/leg_cue_front", "/people_tracker"],
+    "people_fusion.launch preset:=poschmann_t2 cameras:=[/panorama/image_raw] composed:=true": [
+        "/head_cue",
+        "/people_fusion",
+    ],
+    "people_fusion.launch preset:=particles cameras:=[/panorama/image_raw]": [
+        "/head_cue",
+        "/leg_cue_front",
+        "/people_tracker",
+    ],
     "people_fusion.launch composed:=true rviz:=true": ["/people_fusion", "/rviz"],
     "scitos.launch cameras:=[/head_xtion/rgb/image_rect_color]": ["/head_cue", "/people_fusion"],
     "people_fusion.launch preset:=poschmann_t1_l1_h1 cameras:=[/panorama/image_raw]": [

@@ -19,6 +19,7 @@ SMOKE = {
     "turtlebot3_person_following.bag": ("/scan", "base_scan"),
     "two_hokuyo.bag": ("/front_scan", "front_scanner"),
 }
+EVERY_PRESET = ("default", "poschmann_t1", "volkhardt", "leg_mht", "kalman_over_legs", "poschmann_t2", "particles")
 MOVING = "laser_people_moving/general_tracking_moving_1.bag"
 OTHERS = (
     "laser_legs/demo_stationary_simple_environment.bag",
@@ -31,7 +32,7 @@ OTHERS = (
 )
 
 
-@pytest.mark.parametrize("preset", ["default", "leg_mht", "kalman_over_legs"])
+@pytest.mark.parametrize("preset", ["default", "leg_mht", "kalman_over_legs", "poschmann_t2", "particles"])
 @pytest.mark.parametrize("name", SMOKE)
 def test_smoke_bags_run(recordings: Path, name: str, preset: str) -> None:
     outcome = replay(recordings / "smoke_bags" / name, load_config(preset), Selection(duration_s=5.0))
@@ -47,7 +48,7 @@ def test_labelled_scans_are_preferred(recordings: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("preset", ["default", "poschmann_t1", "volkhardt", "leg_mht", "kalman_over_legs"])
+@pytest.mark.parametrize("preset", EVERY_PRESET)
 @pytest.mark.parametrize("name", [*(f"smoke_bags/{name}" for name in SMOKE), *OTHERS])
 def test_whole_recordings_run_with_every_preset(recordings: Path, name: str, preset: str) -> None:
     outcome = replay(recordings / name, load_config(preset), Selection())

@@ -44,7 +44,7 @@ def entries(detect):
 
 
 def state_of(tracker):
-    """All that a tracker of particles knows but the names of its tracks: they are of the process, not of the recording."""
+    """All that a tracker of particles knows but the names of its tracks, which are never used again."""
     state = tracker.snapshot()
     arrays = {name: value for name, value in vars(state.table).items() if name != "ids"}
     arrays.update({"states": state.states, "weights": state.weights, "walks": state.walks, **state.memories})
