@@ -20,7 +20,7 @@ from people_fusion.ros.composed_node import ComposedSettings
 from people_fusion.ros.diagnostics import ERROR, OK, WARN, judge
 from people_fusion.ros.leg_cue_node import LegCueSettings
 from people_fusion.ros.node import read_parameters
-from people_fusion.ros.people_tracker_node import PeopleTrackerSettings, delay_facts
+from people_fusion.ros.people_tracker_node import PeopleTracker, PeopleTrackerSettings, delay_facts
 from people_fusion.ros.transforms import Missing
 from people_fusion.tracking.fusion import FusionConfig
 
@@ -105,6 +105,24 @@ def test_output_delay_is_that_of_the_last_second() -> None:
     assert facts == {"outputs a second": "2", "output delay, mean ms": "20.0", "output delay, max ms": "30.0"}
     assert len(delays) == 2
     assert delay_facts(delays, 9 * 10**9)["output delay, mean ms"] == "-"
+
+
+def test_what_the_tracker_failed_on_is_not_tried_again_and_keeps_nobody_waiting() -> None:
+    """A thread goes on after an exception: with the next measurement, not with the same one for ever."""
+    processed, published = [], []
+
+    def process(measurement: Any) -> bool:
+        processed.append(measurement.stamp_ns)
+        return 1 // (measurement.stamp_ns - 2) is not None
+
+    node = SimpleNamespace(_processed_ns=None, _fusion=SimpleNamespace(process=process))
+    node._released, node._publish = [SimpleNamespace(stamp_ns=n) for n in (1, 2, 3)], lambda: published.append(0)
+    with pytest.raises(ZeroDivisionError):
+        PeopleTracker._process(node)  # type: ignore[arg-type]
+    node._released.append(SimpleNamespace(stamp_ns=4))
+    PeopleTracker._process(node)  # type: ignore[arg-type]
+    assert processed == [1, 2, 3, 4] and len(published) == 3
+    assert not node._released
 
 
 def one_track() -> Tracks:

@@ -200,7 +200,8 @@ class PeopleTracker(Part):
     def _process(self) -> None:
         """Process what was handed out; tracks are published at each new stamp, and once for all that came late."""
         is_revised = False
-        for measurement in self._released:
+        while self._released:
+            measurement = self._released.pop(0)  # gone before anything can fail: it would fail again and again
             if not self._fusion.process(measurement):
                 continue
             is_revised = True
@@ -208,7 +209,6 @@ class PeopleTracker(Part):
                 self._processed_ns = measurement.stamp_ns
                 self._publish()
                 is_revised = False
-        self._released = []
         if is_revised:
             self._publish()
 
