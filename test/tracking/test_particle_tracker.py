@@ -152,3 +152,12 @@ def test_legs_begin_nobody_and_keep_those_alive_who_are_confirmed(detect):
     for step in range(60, 72):
         tracker.process(detect(0.1 * step, sequence=step))
     assert len(tracker.tracks()) == 0
+
+
+@pytest.mark.parametrize(("height", "people"), [(0.5, 0), (0.8, 1), (1.2, 1), (2.6, 0)])
+def test_heads_where_no_head_can_be_begin_nobody(height, people):
+    """Their particles would weigh nothing, whatever is measured, and go their own ways."""
+    tracker = build("particle", head_heights=[0.9, 2.1])
+    for step in range(20):
+        tracker.process(seen_at(0.1 * step, [1.5 - 0.05 * step, 0.0, height], 0.06, step))
+    assert len(tracker.tracks()) == people

@@ -116,7 +116,7 @@ class ParticleTracker(Tracker):
             pairing = model.associate(belief, measurement)
         seen = model.visible(belief, measurement, pairing)
         self._see(measurement, model, pairing, seen, belief)
-        born = model.initiate(belief, measurement, pairing) if model.starts else None
+        born = self._possible(measurement, model.initiate(belief, measurement, pairing)) if model.starts else None
         count = len(born.rows) if born is not None else 0
         if born is not None and count:
             self._begin(measurement, born, age_s)
@@ -233,6 +233,13 @@ class ParticleTracker(Tracker):
         memories = {**state.memories, measurement.modality: model.learn(belief, measurement, seen, self._rng)}
         table = dataclasses.replace(table, shared_floor=floor, seen_ns=seen_ns)
         self._state = dataclasses.replace(state, table=table, memories=memories)
+
+    def _possible(self, measurement: Measurement, born: Births) -> Births:
+        """Those whose heads may be at a height where heads are: no particle of the others would weigh anything."""
+        low, high = self.config.head_heights
+        heights, reaches = born.positions[:, 2], HEIGHT_STDS * np.sqrt(born.covariances[:, 2, 2])
+        rows = (heights + reaches >= low) & (heights - reaches <= high) | (not measurement.observed[2])
+        return Births(born.positions[rows], born.covariances[rows], born.rows[rows])
 
     def _begin(self, measurement: Measurement, born: Births, age_s: float) -> None:
         """New tracks, their particles drawn from the detections."""
@@ -361,5 +368,6 @@ class ParticleTracker(Tracker):
         )
 
 
+HEIGHT_STDS = 3.0  # by which a head may be measured too low or too high
 IMPOSSIBLE = 50.0  # natural logarithm by which what cannot be weighs less
 BODY_HALF_WIDTH = 0.2  # of what a sensor could see of a person, metres
