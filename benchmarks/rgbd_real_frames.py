@@ -125,11 +125,12 @@ def judge(cue, depths, masks, pose):
     distances, own = np.full(len(masks), np.nan), np.zeros(len(tops), dtype=bool)
     pixels = KINECT.project(found.positions).round().astype(int)
     for number, mask in enumerate(masks):
+        mask = cv2.dilate(mask.astype(np.uint8), np.ones((31, 31), np.uint8)) > 0  # dark hair gives no returns
         inside = np.array([mask[min(v, 479), u] if 0 <= u < 640 and 0 <= v < 480 else False for u, v in pixels], bool)
         own |= inside
         if inside.any():
-            away = tops[inside] - head_of(mask, depths)
-            ray = head_of(mask, depths)
+            ray = head_of(masks[number], depths)
+            away = tops[inside] - ray
             ray = ray / np.linalg.norm(ray)
             across = away - (away @ ray)[:, None] * ray  # the mask's top is on the surface, not in the middle
             distances[number] = np.linalg.norm(across, axis=1).min()

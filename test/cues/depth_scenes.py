@@ -11,6 +11,7 @@ from camera_scenes import SECOND, Ideal, tilted
 from people_fusion.core.depth_images import DepthImage
 from people_fusion.core.poses import Pose
 from people_fusion.core.transforms import TransformSource
+from people_fusion.simulation.rendering_people import Look, stand
 
 HEAD_DROP = 0.11
 ALONG_DISPARITY = 1.4e-3  # std of depths over their square, 1/m
@@ -18,24 +19,29 @@ ALONG_DISPARITY = 1.4e-3  # std of depths over their square, 1/m
 
 @dataclass(frozen=True)
 class Person:
-    """Stands or sits at x, y, metres, and looks at `facing`, radians; `height` of the top of the head."""
+    """Stands or sits at x, y, metres, and looks at `facing`, radians; `height` of the top of the head, `skull` its half
+    axes ahead, aside and up, and so far it `bends` before the body."""
 
     x: float
     y: float
     height: float = 1.75
     facing: float = np.pi
     sits: bool = False
+    skull: Tuple[float, float, float] = (0.095, 0.078, HEAD_DROP)
+    bends: float = 0.0
 
     @property
     def head(self):
-        return np.array([self.x, self.y, self.height - HEAD_DROP])
+        """Middle of the head."""
+        ahead = self.bends * np.array([np.cos(self.facing), np.sin(self.facing)])
+        return np.array([self.x + ahead[0], self.y + ahead[1], self.height - self.skull[2]])
 
-    def parts(self):
-        """Middles (K, 3), half axes (K, 3), in the person's axes: x ahead."""
+    def solids(self):
+        """Ellipsoids {x: |A (x - c)| <= 1}: pairs of c (3,) and A (3, 3)."""
         h = self.height
         upper = [
-            ((0.0, 0.0, h - HEAD_DROP), (0.095, 0.078, HEAD_DROP)),
-            ((-0.01, 0.0, h - 0.24), (0.055, 0.055, 0.12)),
+            ((self.bends, 0.0, h - self.skull[2]), self.skull),
+            ((0.5 * self.bends - 0.01, 0.0, h - 0.24), (0.055, 0.055, 0.12)),
             ((-0.02, 0.0, h - 0.40), (0.11, 0.215, 0.12)),
             ((0.0, 0.0, h - 0.62), (0.12, 0.17, 0.34)),
             ((0.0, 0.23, h - 0.62), (0.05, 0.05, 0.32)),
@@ -48,8 +54,29 @@ class Person:
             ]
         else:
             legs = [((0.0, side, 0.24 * h), (0.09, 0.08, 0.26 * h)) for side in (0.1, -0.1)]
-        middles, axes = (np.array(each) for each in zip(*(upper + legs)))
-        return middles, axes
+        cos, sin = np.cos(self.facing), np.sin(self.facing)
+        turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        place = np.array([self.x, self.y, 0.0])
+        return [(place + turn @ np.array(middle), turn.T / np.array(axes)[:, None]) for middle, axes in upper + legs]
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """A simulated person, with hair and a body of its own; `head` is the middle of the head."""
+
+    head: np.ndarray
+    facing: float
+    sits: bool
+    look: Look
+
+    def solids(self):
+        """See Person."""
+        ahead = np.array([np.cos(self.facing), np.sin(self.facing)])
+        aside = np.array([-ahead[1], ahead[0]])
+        feet = self.head[:2] + 0.4 * self.sits * ahead
+        legs = np.array([[*(feet + side * aside), 0.25] for side in (0.1, -0.1)])
+        solids = stand(self.head, self.facing, self.facing, legs, self.look)
+        return zip(solids.centres, solids.shapes)
 
 
 @dataclass(frozen=True)
@@ -84,15 +111,13 @@ def depths_of(pose, people=(), boxes=(), wall=5.5, camera=None, noise=0.0, rng=N
             first, last = np.minimum(one, other).max(axis=1), np.maximum(one, other).min(axis=1)
             depths = np.where((first < last) & (first > 0), np.minimum(depths, first), depths)
         for person in people:
-            cos, sin = np.cos(person.facing), np.sin(person.facing)
-            turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-            local, start = rays @ turn, (origin - [person.x, person.y, 0.0]) @ turn
-            for middle, axes in zip(*person.parts()):
-                d, o = local / axes, (start - middle) / axes
+            for centre, shape in person.solids():
+                d, o = rays @ shape.T, shape @ (origin - centre)
                 a, b, c = (d * d).sum(axis=1), d @ o, o @ o - 1.0
                 hit = (-b - np.sqrt(b * b - a * c)) / a
                 depths = np.where(hit > 0, np.fmin(depths, hit), depths)
     if noise:
+        depths[np.isinf(depths)] = np.nan
         depths = depths + noise * depths**2 * rng.standard_normal(len(depths))
     depths = np.where((depths > 0.4) & (depths < reach), depths, np.nan)
     return depths.reshape(rows.shape).astype(np.float32)

@@ -18,7 +18,10 @@ PERSON_DEPTH_M = 0.4  # a beam that ends less than this before a person's middle
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """How far a planar sensor could see in each direction, so that a tracker knows what a missing detection means.
+    """How far a sensor could see in each direction, so that a tracker knows what a missing detection means.
+
+    A planar sensor's directions are about its z axis, from x. Those of a camera with optical axes are about the
+    vertical, from where it looks, positive to the left; its position is the origin, its yaw 0.
 
     Attributes:
         position: (2,) sensor in the measurement's frame, metres.
@@ -65,6 +68,24 @@ class Sight:
 
 
 _ACROSS = np.linspace(-1.0, 1.0, 7)
+
+
+class Bodies(NamedTuple):
+    """What a sensor that sees whole people tells of N of them beside their place.
+
+    Attributes:
+        heights: (N,) of the tops of their heads over the floor, metres.
+        height_stds: (N,) metres.
+        sitting: (N,) probability that they sit and do not stand.
+    """
+
+    heights: np.ndarray
+    height_stds: np.ndarray
+    sitting: np.ndarray
+
+    def select(self, rows: np.ndarray) -> Bodies:
+        """Some of them, by mask or index."""
+        return Bodies(*(each[rows] for each in self))
 
 
 Order = Tuple[int, str, int]  # stamp, cue, sequence: total over all measurements of all cues, independent of arrival
@@ -115,6 +136,7 @@ class Measurement:
         legs: (L, 2) centres of the legs.
         leg_owners: (L,) index of the detection that a leg belongs to.
         scores: of an image that the detections were found in, or None where nobody asked for them.
+        bodies: of the people, or None of a cue that does not see them.
     """
 
     stamp_ns: int
@@ -135,6 +157,7 @@ class Measurement:
     legs: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     leg_owners: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
     scores: Optional[HeadScores] = None
+    bodies: Optional[Bodies] = None
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -152,6 +175,7 @@ class Measurement:
             legs=np.zeros((0, 2)),
             leg_owners=np.zeros(0, dtype=int),
             scores=None if self.scores is None else self.scores.select(rows),
+            bodies=None if self.bodies is None else self.bodies.select(rows),
         )
 
     @property

@@ -6,6 +6,7 @@ The same object runs in the tracker node, in the composed node, in a replay and 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +21,8 @@ from people_fusion.core.errors import ConfigError, TransformUnavailable
 from people_fusion.core.grids import OccupancyGrid
 from people_fusion.core.head_scores import HeadScores
 from people_fusion.core.images import Image
-from people_fusion.core.measurements import Announcement, Measurement
+from people_fusion.core.measurements import Announcement, Measurement, Sight
+from people_fusion.core.poses import Pose
 from people_fusion.core.resources import directory
 from people_fusion.core.scans import Scan
 from people_fusion.core.tracks import Legs, Particles, Tracks
@@ -39,6 +41,7 @@ from people_fusion.tracking.rewind import Rewind
 from people_fusion.tracking.tracker import TRACKERS, Tracker
 from people_fusion.tracking.trackers.kalman import KalmanConfig
 
+OPTICAL_BELOW = math.cos(math.radians(45.0))  # cosine between a frame's z and the vertical: what looks along z
 TREATMENTS = ("output", "white", "consider", "none")
 
 
@@ -73,9 +76,7 @@ class FusionConfig:
                 raise ConfigError(f"{path}: {name!r} takes {takes.__name__}, not {sensor.__name__}")
 
 
-def load_config(
-    preset: Union[str, Path, None] = None, overrides: Optional[Mapping[str, Any]] = None
-) -> FusionConfig:
+def load_config(preset: Union[str, Path, None] = None, overrides: Optional[Mapping[str, Any]] = None) -> FusionConfig:
     """A preset with overrides laid over it.
 
     Args:
@@ -236,15 +237,7 @@ def place(measurement: Measurement, transform: UncertainTransform, frame_id: str
     covariances = covariances * (observed[:, None] & observed[None, :])
     sight = measurement.sight
     if sight is not None:
-        origin = transform.pose.apply(np.array([sight.position[0], sight.position[1], 0.0]))
-        upright = transform.pose.rotation[2, 2] > 0  # a scanner on its head turns the other way
-        sight = dataclasses.replace(
-            sight,
-            position=origin[:2],
-            yaw=float(transform.pose.yaw) + sight.yaw * (1 if upright else -1),
-            angle_min=sight.angle_min * (1 if upright else -1),
-            angle_increment=sight.angle_increment * (1 if upright else -1),
-        )
+        sight = _move_sight(sight, transform.pose)
     return dataclasses.replace(
         measurement,
         frame_id=frame_id,
@@ -256,6 +249,22 @@ def place(measurement: Measurement, transform: UncertainTransform, frame_id: str
         points=_move_flat(measurement.points, transform),
         legs=_move_flat(measurement.legs, transform),
         scores=None if measurement.scores is None else _move_scores(measurement.scores, transform),
+    )
+
+
+def _move_sight(sight: Sight, pose: Pose) -> Sight:
+    """See Sight for the axes of planar sensors and of cameras, which are told apart by which way their z points."""
+    rotation = pose.rotation
+    origin = pose.apply(np.array([sight.position[0], sight.position[1], 0.0]))[:2]
+    if abs(rotation[2, 2]) < OPTICAL_BELOW:
+        return dataclasses.replace(sight, position=origin, yaw=math.atan2(rotation[1, 2], rotation[0, 2]))
+    sense = 1 if rotation[2, 2] > 0 else -1  # a scanner on its head turns the other way
+    return dataclasses.replace(
+        sight,
+        position=origin,
+        yaw=float(pose.yaw) + sense * sight.yaw,
+        angle_min=sense * sight.angle_min,
+        angle_increment=sense * sight.angle_increment,
     )
 
 

@@ -8,13 +8,13 @@ from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
 from scipy.ndimage import binary_dilation
-from scipy.special import expit
+from scipy.special import expit, ndtr
 
 from people_fusion.core.cameras import Camera
 from people_fusion.core.config import parameter
 from people_fusion.core.depth_images import DepthImage
 from people_fusion.core.errors import ConfigError, DataError, TransformUnavailable
-from people_fusion.core.measurements import XYZ_OBSERVED, Measurement
+from people_fusion.core.measurements import XYZ_OBSERVED, Bodies, Measurement
 from people_fusion.core.poses import Pose
 from people_fusion.core.transforms import FramesConfig, TransformSource
 from people_fusion.cues.cue import CUES, Cue, TransformRequest
@@ -33,12 +33,19 @@ TABLES = 4  # of rays that are kept: cameras change their resolution, but not of
 FLOOR_EVERY = 3  # of the points
 BEYOND = 0.25  # metres over the highest head that the grid is made of: what is taller is no person
 SITTING_HEIGHT, SITTING_SPREAD = 1.40, 0.06  # at which as many sit as stand, and how soon that changes, metres
-HEAD_STDS = (0.03, 0.02, 0.02)  # of a head's middle about where it is taken to be: along the view, across, up; metres
+HEAD_STDS = (
+    0.022,
+    0.015,
+    0.018,
+)  # of a head's middle about where it is taken to be: along the view, across, up; metres
+NARROWEST = 1e-3  # radians, to the sides of an image of a single column
 PIXEL_STD = 0.7  # of edges, pixels
+WINDOW, HEAD_AREA = 9.0, 0.02  # pixels within which depths err alike, as they are matched so; m^2 of a face
 # Confidence from the scores of upper_bodies.measure, see docs/rgbd_cue.md.
-LEAST = np.array([0.6, 0.5, 0.6, 0.1, 0.5, 0.6])
+LEAST = np.array([0.6, 0.5, 0.6, 0.1, 0.45, 0.6])
 PENALTIES = np.array([10.0, 8.0, 6.0, 4.0, 6.0, 6.0])  # of what is not as it should be
 PERFECT = 4.5  # log odds
+RARELY_BELOW, RARE_M, RARE = 1.1, 0.2, 2.5  # few heads are lower, but backs of chairs: metres, metres, log odds
 
 
 @dataclass(frozen=True)
@@ -52,7 +59,7 @@ class RgbdCueConfig:
     )
     cell: float = parameter(0.05, "side of the ground grid's cells, metres", low=0.01, high=0.3)
     head_distance: float = parameter(0.3, "heads are at least this far apart, metres", low=0.1, high=1.0)
-    head_width: Tuple[float, float] = parameter((0.08, 0.255), "of heads, as far as they are seen, metres")
+    head_width: Tuple[float, float] = parameter((0.08, 0.225), "of heads, as far as they are seen, metres")
     shoulder_width: Tuple[float, float] = parameter((0.14, 0.84), "of shoulders, as far as they are seen, metres")
     shoulder_over_head: float = parameter(0.025, "that shoulders are at least wider, metres", low=0.0, high=0.5)
     neck_under_head: float = parameter(0.05, "or that a neck is at least narrower, metres", low=0.0, high=0.5)
@@ -152,6 +159,7 @@ class RgbdCue(Cue):
             observed=XYZ_OBSERVED,
             period_s=self._periods.note(data.stamp_ns) or UNKNOWN_PERIOD_S,
             sequence=self._sequence,
+            bodies=self._bodies(found.take(kept), floor),
             sight=free_space(cloud.points, heights, _half_angle(camera), self.config.max_range),
         )
 
@@ -219,7 +227,8 @@ class RgbdCue(Cue):
         fits &= (shoulders >= config.shoulder_width[0]) & (shoulders <= config.shoulder_width[1])
         # From the side shoulders may be no wider than the head, but then there is a neck; a post has neither.
         fits &= (shoulders >= heads + config.shoulder_over_head) | (necks <= heads - config.neck_under_head)
-        return np.where(fits, expit(PERFECT - (1.0 - found.scores) @ PENALTIES), 0.0)
+        lowness = np.clip((RARELY_BELOW - heights) / RARE_M, 0.0, 1.0)
+        return np.where(fits, expit(PERFECT - (1.0 - found.scores) @ PENALTIES - RARE * lowness), 0.0)
 
     def _distinct(self, found: UpperBodies, confidences: np.ndarray) -> np.ndarray:
         """Indices of the surest finds that are as far apart as heads are."""
@@ -231,6 +240,12 @@ class RgbdCue(Cue):
             if not (np.hypot(offsets[:, 0], offsets[:, 1]) < self.config.head_distance).any():
                 kept.append(row)
         return np.array(kept, dtype=int)
+
+    def _bodies(self, found: UpperBodies, floor: Floor) -> Bodies:
+        """How high they are, and whether they sit, as far as that tells: a child that stands is no higher."""
+        heights = floor.heights(found.tops)
+        stds = np.sqrt(HEAD_STDS[2] ** 2 + floor.variances(found.tops))
+        return Bodies(heights, stds, ndtr((SITTING_HEIGHT - heights) / np.hypot(SITTING_SPREAD, stds)))
 
     def _heads(
         self, found: UpperBodies, floor: Floor, camera: Camera, level_from_camera: Pose
@@ -244,8 +259,12 @@ class RgbdCue(Cue):
         across /= np.maximum(np.linalg.norm(across, axis=1), 1e-9)[:, None]
         up = np.cross(along, across)
         centre = np.array([[0.5 * (camera.width - 1), 0.5 * (camera.height - 1)]])
-        edge_std = PIXEL_STD * np.linalg.norm(camera.ray_jacobians(centre)[0], axis=0).mean() * distances
-        depth_std = self._sensor.stds(arms @ rotation[:, 2])
+        pixel = np.linalg.norm(camera.ray_jacobians(centre)[0], axis=0).mean()  # radians
+        edge_std = PIXEL_STD * pixel * distances
+        depths = arms @ rotation[:, 2]
+        focal = 1.0 / pixel
+        looks = np.maximum(HEAD_AREA * (focal / depths / WINDOW) ** 2, 1.0)
+        depth_std = self._sensor.stds(depths) / np.sqrt(looks)
         # The floor's error moves the height at which people may be, not where they are seen; its correction tells how
         # wrong the transform is that will place them.
         lifts = found.middles[:, 2] - floor.heights(found.middles)
@@ -274,4 +293,4 @@ def _half_angle(camera: Camera) -> float:
     """To the side of the image, at the height of its middle, radians."""
     middle = 0.5 * (camera.height - 1)
     rays = camera.rays(np.array([[0.0, middle], [camera.width - 1.0, middle]]))
-    return float(np.abs(np.arctan2(rays[:, 0], rays[:, 2])).max())
+    return max(float(np.abs(np.arctan2(rays[:, 0], rays[:, 2])).max()), NARROWEST)

@@ -19,7 +19,8 @@ BODY, BEHIND, BEFORE, UNKNOWN, OUTSIDE = range(5)
 BODY_BEFORE_M, BODY_BEHIND_M = 0.3, 0.22  # a body's surface is this near to the plane through its face, along depth
 BEHIND_STDS = 2.0  # and this much of the sensor's error more
 HEAD_DEPTH = 0.085  # from the surface that is seen of a head to its middle, along the line of sight, metres
-HEAD_DROP = 0.11  # from its top to its middle, metres
+HEAD_DROP = 0.12  # from its top, hair included, to its middle, metres
+CROWN = 0.012  # of the top is too narrow to be seen, metres
 FACE, HEAD_EXTENT = 0.07, 0.17  # half width of a face, and how deep a head may be, metres
 STEP = 0.03  # of samples, metres
 
@@ -40,8 +41,8 @@ _MIDDLE = len(_ACROSS) // 2
 # What each sample says for the part, by BODY, BEHIND, BEFORE, UNKNOWN, OUTSIDE.
 _FILLED = np.array([1.0, 0.0, 0.4, 0.5, 0.3], dtype=np.float32)
 _FILLED_OR_HIDDEN = np.array([1.0, 0.0, 0.8, 0.4, 0.5], dtype=np.float32)
-_FREE = np.array([0.0, 1.0, 0.4, 0.8, 0.5], dtype=np.float32)
-_FREE_ABOVE = np.array([0.0, 1.0, 0.4, 1.0, 0.3], dtype=np.float32)
+_FREE = np.array([0.0, 1.0, 0.4, 0.8, 0.35], dtype=np.float32)
+_FREE_ABOVE = np.array([0.0, 1.0, 0.4, 1.0, 0.5], dtype=np.float32)
 _NOT_SEEN_THROUGH = np.array([1.0, 0.0, 1.0, 0.8, 0.8], dtype=np.float32)
 
 _FINE_DOWN = np.arange(-12, 11) * 0.01
@@ -184,9 +185,7 @@ def _aligned(view: View, tops: np.ndarray, ahead: np.ndarray, across: np.ndarray
     v, u = (axis.ravel() for axis in np.meshgrid(_FACE_DOWN, _FACE_ACROSS, indexing="ij"))
     codes, behind = view.look(_plane(tops, across, u, v))
     is_body = codes == BODY
-    middle = np.where(is_body, behind, np.inf)[:, np.abs(u) < FACE]  # infinite ones do not reach the lower quartile ...
-    deeper = np.sort(middle, axis=1)[:, middle.shape[1] // 4]
-    deeper[np.isinf(deeper)] = 0.0  # ... or all do
+    deeper = _medians(np.where(is_body, behind, np.nan)[:, np.abs(u) < FACE])
     with np.errstate(invalid="ignore"):
         is_body &= np.abs(behind - deeper[:, None]) < HEAD_EXTENT
     aside = (is_body * u).sum(axis=1) / np.maximum(is_body.sum(axis=1), 1)
@@ -197,8 +196,15 @@ def _aligned(view: View, tops: np.ndarray, ahead: np.ndarray, across: np.ndarray
     is_body = (codes == BODY).reshape(len(tops), len(_FINE_DOWN), len(_FINE_ACROSS)).sum(axis=2) >= 2
     is_body &= np.roll(is_body, -1, axis=1)  # two rows, against lone pixels
     first = np.where(is_body.any(axis=1), is_body.argmax(axis=1), -_FINE_DOWN.argmin() + 12)
-    tops[:, 2] -= _FINE_DOWN[np.minimum(first, len(_FINE_DOWN) - 1)]
+    tops[:, 2] += CROWN - _FINE_DOWN[np.minimum(first, len(_FINE_DOWN) - 1)]
     return tops
+
+
+def _medians(values: np.ndarray) -> np.ndarray:
+    """(N,) of what is not NaN in (N, K); 0 where all is."""
+    ordered = np.sort(values, axis=1)  # NaN last
+    middle = (values == values).sum(axis=1) // 2
+    return np.asarray(np.nan_to_num(ordered[np.arange(len(values)), np.minimum(middle, values.shape[1] - 1)]))
 
 
 def _mean(values: np.ndarray, codes: np.ndarray) -> np.ndarray:
