@@ -117,9 +117,9 @@ def head_of(mask, depths):
     return ray / ray[2] * depth
 
 
-def judge(cue, depths, masks, pose):
+def judge(cue, picture, depths, masks, pose):
     """Distances (masks,) of the head found nearest, metres, and the number of others."""
-    found = cue.measure(DepthImage(0, "depth", depths, KINECT), Stand(pose))
+    found = cue.measure(DepthImage(0, "depth", depths, KINECT, picture), Stand(pose))
     up = pose.rotation[2]  # in the camera's frame
     tops = found.positions + HEAD_DROP * up
     distances, own = np.full(len(masks), np.nan), np.zeros(len(tops), dtype=bool)
@@ -158,6 +158,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("PEOPLE_FUSION_DATA", "../shared/data")))
     parser.add_argument("--out", type=Path, help="folder for pictures")
+    parser.add_argument("--colour", action="store_true", help="look for heads in the colour image, too")
     parser.add_argument("--verbose", action="store_true", help="print what was found of each candidate near a find")
     options = parser.parse_args()
     if not (options.data / "rgbd_person").is_dir():
@@ -170,8 +171,8 @@ def main():
         ("still", stills(options.data / "rgbd_stills", rng)),
     ):
         for name, picture, depths, masks, pose in frames:
-            cue = RgbdCue(RgbdCueConfig(), "kinect", FramesConfig())
-            found, distances, false = judge(cue, depths, masks, pose)
+            cue = RgbdCue(RgbdCueConfig(colour=options.colour), "kinect", FramesConfig())
+            found, distances, false = judge(cue, picture, depths, masks, pose)
             hits = int(np.isfinite(distances).sum())
             bad += false > 0 or hits < len(masks) or bool((distances > BOUND).any())
             if kind == "person":

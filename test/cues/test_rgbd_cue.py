@@ -16,6 +16,9 @@ from people_fusion.core.depth_images import DepthImage
 from people_fusion.core.errors import ConfigError, DataError, TransformUnavailable
 from people_fusion.core.poses import Pose
 from people_fusion.core.transforms import FramesConfig, UncertainTransform
+from people_fusion.cues.heads.boxes import Boxes
+from people_fusion.cues.heads.detectors.fhog_head import FhogHeadConfig
+from people_fusion.cues.heads.detectors.haar import HaarFaceConfig
 from people_fusion.cues.rgbd.rgbd import RgbdCue, RgbdCueConfig
 from people_fusion.cues.rgbd.sensors import SENSORS
 from people_fusion.simulation.rendering_people import draw_looks
@@ -264,3 +267,70 @@ def test_whatever_is_seen_the_measurement_is_whole(shape, height, down, roll, se
 def test_limits_that_are_none_are_refused(name):
     with pytest.raises(ConfigError, match=name):
         RgbdCueConfig(**{name: (1.0, 0.5)})
+
+
+class Told:
+    """A detector of heads that finds what it was told."""
+
+    part = "head"
+    box = FhogHeadConfig().box
+
+    def __init__(self, *corners):
+        self.corners = np.array(corners, dtype=float).reshape(-1, 4)
+
+    def detect(self, image, search):  # noqa: ARG002
+        return Boxes(self.corners, np.ones(len(self.corners)), np.full(len(self.corners), 0.8))
+
+
+BENT = Person(2.2, 0.0, 1.5, bends=0.25)
+
+
+def bent_with(rows=1.0, aside=0.0):
+    """Whoever bends, and a box about his head `rows` times as high as heads are, `aside` pixels from it."""
+    pose = pose_of(1.5, 5.0)
+    image = dataclasses.replace(image_of(pose, [BENT], wall=5.5), colour=np.zeros((480, 640, 3), dtype=np.uint8))
+    local = (BENT.head - pose.translation) @ pose.rotation
+    middle, lower = image.camera.project(np.stack([local, local + [0.0, 0.24, 0.0]]))
+    half = 0.5 * rows * np.linalg.norm(lower - middle)
+    middle = middle + [aside, 0.0]
+    return pose, image, Told([*(middle - half), *(middle + half)])
+
+
+def found_with(pose, image, detector):
+    cue = cue_of(colour=True)
+    cue._detector = detector
+    return cue.measure(image, Stand(pose))
+
+
+def test_who_bends_is_found_by_colour():
+    pose, image, detector = bent_with()
+    assert len(cue_of().measure(image, Stand(pose))) == 0
+    found = found_with(pose, image, detector)
+    assert len(found) == 1 and found.confidences[0] == pytest.approx(0.8)
+    assert np.linalg.norm(pose.apply(found.positions)[0] - BENT.head) < 0.08
+
+
+@pytest.mark.parametrize(("rows", "aside"), [(0.5, 0.0), (1.8, 0.0), (1.0, 150.0)])
+def test_what_colour_shows_is_as_large_as_a_head_at_its_depth(rows, aside):
+    assert len(found_with(*bent_with(rows, aside))) == 0
+
+
+def test_without_depth_colour_shows_nobody():
+    pose, image, detector = bent_with()
+    image.depths[:] = np.nan
+    assert len(found_with(pose, image, detector)) == 0
+
+
+def test_colour_changes_nothing_of_whom_depth_finds():
+    pose, people = pose_of(1.5, 3.0), [Person(2.5, 0.3)]
+    image = image_of(pose, people)
+    alone = cue_of().measure(image, Stand(pose))
+    image = dataclasses.replace(image, colour=np.zeros((480, 640, 3), dtype=np.uint8))
+    found = found_with(pose, image, Told([300, 100, 340, 150]))
+    assert np.array_equal(found.positions, alone.positions)
+    assert np.array_equal(found.confidences, alone.confidences)
+
+
+def test_a_detector_of_faces_is_refused():
+    with pytest.raises(ConfigError, match="face"):
+        cue_of(colour=True, detector=HaarFaceConfig())

@@ -11,14 +11,17 @@ from scipy.ndimage import binary_dilation
 from scipy.special import expit, ndtr
 
 from people_fusion.core.cameras import Camera
-from people_fusion.core.config import parameter
+from people_fusion.core.config import component, parameter
 from people_fusion.core.depth_images import DepthImage
 from people_fusion.core.errors import ConfigError, DataError, TransformUnavailable
 from people_fusion.core.measurements import XYZ_OBSERVED, Bodies, Measurement
 from people_fusion.core.poses import Pose
 from people_fusion.core.transforms import FramesConfig, TransformSource
 from people_fusion.cues.cue import CUES, Cue, TransformRequest
+from people_fusion.cues.heads.detector import DETECTORS
+from people_fusion.cues.heads.detectors.fhog_head import FhogHeadConfig
 from people_fusion.cues.periods import Periods
+from people_fusion.cues.rgbd.colour import ColourHeads, colour_heads
 from people_fusion.cues.rgbd.floor import Floor, fit_floor
 from people_fusion.cues.rgbd.free_space import free_space
 from people_fusion.cues.rgbd.ground import height_map, local_maxima
@@ -43,6 +46,7 @@ PIXEL_STD = 0.7  # of edges, pixels
 WINDOW, HEAD_AREA = 9.0, 0.02  # pixels within which depths err alike, as they are matched so; m^2 of a face
 # Confidence from the scores of upper_bodies.measure, see docs/rgbd_cue.md.
 LEAST = np.array([0.6, 0.5, 0.6, 0.1, 0.45, 0.6])
+LEAST_OF_HEADS = np.array([0.6, 0.3, 0.6, 0.0, 0.45, 0.6])  # where the colour shows a head
 PENALTIES = np.array([10.0, 8.0, 6.0, 4.0, 6.0, 6.0])  # of what is not as it should be
 PERFECT = 4.5  # log odds
 RARELY_BELOW, RARE_M, RARE = 1.1, 0.2, 2.5  # few heads are lower, but backs of chairs: metres, metres, log odds
@@ -63,6 +67,8 @@ class RgbdCueConfig:
     shoulder_width: Tuple[float, float] = parameter((0.14, 0.84), "of shoulders, as far as they are seen, metres")
     shoulder_over_head: float = parameter(0.025, "that shoulders are at least wider, metres", low=0.0, high=0.5)
     neck_under_head: float = parameter(0.05, "or that a neck is at least narrower, metres", low=0.0, high=0.5)
+    colour: bool = parameter(False, "also look for heads in the colour image, where there is one")
+    detector: object = component(DETECTORS, lambda: FhogHeadConfig(threshold=0.0), "of heads in the colour image")
     min_confidence: float = parameter(0.3, "finds that are less sure are not told", 0.0, 1.0)
     floor_height_std: float = parameter(0.05, "error of the camera's height by the transform, metres", 0.001, 1.0)
     floor_tilt_std: float = parameter(0.03, "error of the camera's tilt by the transform, radians", 0.001, 0.5)
@@ -116,6 +122,9 @@ class RgbdCue(Cue):
         self.config, self.name, self.frames = config, name, frames
         self.look: Optional[DepthLook] = None
         self._sensor = SENSORS[config.sensor]
+        self._detector = DETECTORS.build(config.detector) if config.colour else None
+        if self._detector is not None and self._detector.part != "head":
+            raise ConfigError(f"rgbd_cues: {name}: the detector finds a {self._detector.part}, not a head")
         self._tables: dict = {}
         self._periods = Periods()
         self._sequence = 0
@@ -142,8 +151,10 @@ class RgbdCue(Cue):
         heights = floor.heights(cloud.points)
         view = View(data, self._sensor, level_from_camera)
         tops = self._tops(cloud, heights)
+        shown = self._shown(data, level_from_camera)
+        tops = np.concatenate([tops, shown.tops])
         found = measure(view, tops, tops[:, 2] - floor.heights(tops))
-        confidences = self._confidences(found, floor)
+        confidences = self._confidences(found, floor, shown.confidences)
         kept = self._distinct(found, confidences)
         self.look = DepthLook(floor, level_from_camera, found, confidences, kept)
         positions, covariances = self._heads(found.take(kept), floor, data.camera, level_from_camera)
@@ -216,19 +227,30 @@ class RgbdCue(Cue):
         found = found[np.argsort(np.hypot(points[found, 0], points[found, 1]))][:MOST_CANDIDATES]
         return points[found].astype(float)
 
-    def _confidences(self, found: UpperBodies, floor: Floor) -> np.ndarray:
-        """(N,) that they are people."""
+    def _shown(self, image: DepthImage, level_from_camera: Pose) -> ColourHeads:
+        """Heads in the colour image."""
+        if self._detector is None or image.colour is None:
+            return ColourHeads(np.zeros((0, 3)), np.zeros(0))
+        return colour_heads(self._detector, image, self._sensor, level_from_camera)
+
+    def _confidences(self, found: UpperBodies, floor: Floor, shown: np.ndarray) -> np.ndarray:
+        """(N,) that they are people; the last ones are heads in the colour image, `shown` (K,) how surely."""
         config = self.config
         heights = floor.heights(found.tops)
         heads, necks, shoulders = found.widths.T
         fits = (found.scores >= LEAST).all(axis=1)
-        fits &= (heights >= config.head_heights[0]) & (heights <= config.head_heights[1])
+        at_height = (heights >= config.head_heights[0]) & (heights <= config.head_heights[1])
+        fits &= at_height
         fits &= (heads >= config.head_width[0]) & (heads <= config.head_width[1])
         fits &= (shoulders >= config.shoulder_width[0]) & (shoulders <= config.shoulder_width[1])
         # From the side shoulders may be no wider than the head, but then there is a neck; a post has neither.
         fits &= (shoulders >= heads + config.shoulder_over_head) | (necks <= heads - config.neck_under_head)
         lowness = np.clip((RARELY_BELOW - heights) / RARE_M, 0.0, 1.0)
-        return np.where(fits, expit(PERFECT - (1.0 - found.scores) @ PENALTIES - RARE * lowness), 0.0)
+        by_depth = np.where(fits, expit(PERFECT - (1.0 - found.scores) @ PENALTIES - RARE * lowness), 0.0)
+        by_colour = np.zeros(len(by_depth))
+        by_colour[len(by_depth) - len(shown) :] = shown
+        by_colour[(found.scores < LEAST_OF_HEADS).any(axis=1) | ~at_height] = 0.0
+        return np.asarray(np.maximum(by_depth, by_colour))
 
     def _distinct(self, found: UpperBodies, confidences: np.ndarray) -> np.ndarray:
         """Indices of the surest finds that are as far apart as heads are."""
