@@ -216,6 +216,7 @@ def test_two_commands_do_not_work_in_one_folder(tmp_path: Path, capsys: pytest.C
     [
         (["--scenario", "desert"], "no scenario 'desert'"),
         (["--seeds", "0"], "--seeds: 0 is not positive"),
+        (["--first-seed", "-1"], "--first-seed: -1 is negative"),
         (["--duration", "-1"], "--duration: -1.0 is not positive"),
         (["--jobs", "0"], "--jobs: 0 is not positive"),
         (["--only", "9.1"], "--only 9.1: names no row; tables are 7.1"),
@@ -411,3 +412,7 @@ def test_progress_tells_what_is_left(tmp_path: Path, capsys: pytest.CaptureFixtu
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == len(ROWS)
     assert re.fullmatch(r"3/3  T2-L2, seed 1: \d+ s, MOTA [\d.-]+ %; about 0 s left", lines[-1])
+
+
+def test_seeds_that_nothing_was_chosen_on_can_be_taken() -> None:
+    assert [trial.seed for trial in trials(["museum"], 2, 5.0, 11)] == [11, 12]

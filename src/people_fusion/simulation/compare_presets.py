@@ -39,7 +39,7 @@ def run(options: argparse.Namespace, notes: Console) -> None:
         PeopleFusionError: a scenario, preset, number or file is not usable.
     """
     presets = {preset: load_config(preset, overrides(options.set)) for preset in options.presets}
-    entries = trials(options.scenarios, options.seeds, options.duration)
+    entries = trials(options.scenarios, options.seeds, options.duration, options.first_seed)
     scores = summed(replay_all(entries, presets, options.jobs, notes))
     table = comparison_table(scores)
     print(table.as_text())
@@ -92,6 +92,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--presets", nargs="+", default=list(PRESETS), metavar="NAME", help=f"or YAML; default: {' '.join(PRESETS)}")
     add("--set", action="append", default=[], metavar="KEY=VALUE", help="over every preset, e.g. buffer/type=drop")
     add("--seeds", type=int, default=5, metavar="N", help="recordings of each scenario (default %(default)s)")
+    add("--first-seed", type=int, default=1, metavar="N", help="default %(default)s")
     add("--duration", type=float, metavar="S", help="seconds, instead of each scenario's")
     add("--jobs", type=int, metavar="N", help="processes at work (default: one for each processor)")
     add("--json", type=Path, metavar="FILE", help="write the table")

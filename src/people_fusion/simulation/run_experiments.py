@@ -69,7 +69,8 @@ def run(options: argparse.Namespace, notes: Console) -> None:
         raise ConfigError(f"--jobs: {options.jobs} is not positive")
     experiments = load_experiments(options.experiments)
     chosen = experiments.select(options.only)
-    entries = trials([options.scenario], options.seeds, positive("--duration", options.duration))
+    duration_s = positive("--duration", options.duration)
+    entries = trials([options.scenario], options.seeds, duration_s, options.first_seed)
     every = _runs(experiments, entries, options.out)
     wanted = {name: every[name] for name in chosen.configurations}
     with _alone(options.out):
@@ -270,7 +271,7 @@ def _alone(folder: Path) -> Iterator[None]:
 def _said(entries: Sequence[Trial]) -> List[str]:
     first = entries[0].scenario
     said = [
-        f"Simulated {Path(entries[0].name).stem}, {first.duration_s:g} s, seeds 1 to {len(entries)}. "
+        f"Simulated {Path(entries[0].name).stem}, {first.duration_s:g} s, seeds {entries[0].seed} to {entries[-1].seed}. "
         "Thesis: Poschmann 2018, 7.5, one recording of 267 s in a museum.",
     ]
     if not first.cameras:
@@ -318,6 +319,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--scenario", default="museum_cameras", metavar="NAME", help="or YAML (default: %(default)s)")
     add("--duration", type=float, default=60.0, metavar="S", help="of each recording (default: %(default)s)")
     add("--seeds", type=int, default=5, metavar="N", help="recordings (default: %(default)s)")
+    add("--first-seed", type=int, default=1, metavar="N", help="default: %(default)s")
     add("--jobs", type=int, default=1, metavar="N", help="processes at work (default: %(default)s)")
     add(
         "--only",

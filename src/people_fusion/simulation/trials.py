@@ -60,8 +60,10 @@ class Trial:
         return runs
 
 
-def trials(names: Iterable[str], seeds: int, duration_s: Optional[float] = None) -> Tuple[Trial, ...]:
-    """Seeds 1 to `seeds` of each scenario, of `duration_s` instead of its own duration.
+def trials(
+    names: Iterable[str], seeds: int, duration_s: Optional[float] = None, first_seed: int = 1
+) -> Tuple[Trial, ...]:
+    """So many seeds of each scenario, of `duration_s` instead of its own duration.
 
     Raises:
         ConfigError: a scenario is not usable or a number not positive.
@@ -70,10 +72,13 @@ def trials(names: Iterable[str], seeds: int, duration_s: Optional[float] = None)
         raise ConfigError(f"--seeds: {seeds} is not positive")
     if duration_s is not None and not duration_s > 0.0:
         raise ConfigError(f"--duration: {duration_s} is not positive")
+    if first_seed < 0:
+        raise ConfigError(f"--first-seed: {first_seed} is negative")
     scenarios = {name: load_scenario(name) for name in names}
     if duration_s is not None:
         scenarios = {name: dataclasses.replace(entry, duration_s=duration_s) for name, entry in scenarios.items()}
-    return tuple(Trial(name, entry, seed) for name, entry in scenarios.items() for seed in range(1, seeds + 1))
+    numbers = range(first_seed, first_seed + seeds)
+    return tuple(Trial(name, entry, seed) for name, entry in scenarios.items() for seed in numbers)
 
 
 def replay_all(
