@@ -269,9 +269,9 @@ def _alone(folder: Path) -> Iterator[None]:
 
 
 def _said(entries: Sequence[Trial]) -> List[str]:
-    first = entries[0].scenario
+    first, seeds = entries[0].scenario, f"{entries[0].seed} to {entries[-1].seed}"
     said = [
-        f"Simulated {Path(entries[0].name).stem}, {first.duration_s:g} s, seeds {entries[0].seed} to {entries[-1].seed}. "
+        f"Simulated {Path(entries[0].name).stem}, {first.duration_s:g} s, seeds {seeds}. "
         "Thesis: Poschmann 2018, 7.5, one recording of 267 s in a museum.",
     ]
     if not first.cameras:
