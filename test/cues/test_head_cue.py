@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from people_fusion.core.errors import TransformUnavailable
+from people_fusion.core.errors import NotLooked, TransformUnavailable
 from people_fusion.core.poses import Pose
 from people_fusion.core.tracks import Tracks
 from people_fusion.core.transforms import FramesConfig, TransformSource
@@ -164,16 +164,22 @@ def test_camera_without_transforms_is_refused_for_good():
     assert not raised.value.may_arrive
 
 
-def test_detector_that_compares_images_begins_anew_when_the_camera_moves():
+def test_detector_that_compares_images_begins_anew_and_says_nothing_when_the_camera_moves():
     mast = Mast()
     stamps = [SECOND * k // 10 for k in range(50, 56)]
     mast.moved = {stamps[3]: (0.05, 0.0), stamps[4]: (0.05, 0.02), stamps[5]: (0.05, 0.02)}
     resting = cue(rest=True)
-    resets = []
+    resets, silent = [], []
     for stamp in stamps:
-        resting.measure(image(stamp), mast)
+        try:
+            resting.measure(image(stamp), mast)
+            silent.append(False)
+        except NotLooked:
+            assert resting.look is None
+            silent.append(True)
         resets.append(resting._detector.resets)
     assert resets == [1, 1, 1, 2, 3, 3]
+    assert silent == [True, False, False, True, True, False]
 
 
 def tracks(stamp_ns, mean, frame="map"):

@@ -44,6 +44,18 @@ class White(Detector):
         return Boxes(corners, np.ones(1), np.full(1, 0.9)).take(search.wanted(corners))
 
 
+@dataclass(frozen=True)
+class RestingConfig(WhiteConfig):
+    pass
+
+
+@DETECTORS.register("resting", RestingConfig)
+class Resting(White):
+    """The same, of a camera that stands."""
+
+    needs_rest = True
+
+
 def picture(seconds):
     """What the panorama sees: one white head."""
     x, y = np.add(person_at(seconds), LASER_AT[:2])
@@ -80,8 +92,8 @@ def recorded(path, write, duration_s=4.0):
     return path
 
 
-def run(path, panoramas=("panorama",)):
-    head = {"type": "heads", "detector": {"type": "white"}}
+def run(path, panoramas=("panorama",), detector="white"):
+    head = {"type": "heads", "detector": {"type": detector}}
     described = {frame: {} for frame in panoramas}
     config = load_config(None, {"head_cues": {"head": head}, "panoramas": described})
     measurements = []
@@ -144,3 +156,10 @@ def test_preset_without_head_cues_takes_no_images(tmp_path):
     path = recorded(tmp_path / "a.bag", lambda bag, s: compressed(bag, s, picture(s)), 1.0)
     with Recording(path) as recording:
         assert sources_of(recording, load_config("poschmann_t1"), Selection()).cameras == ()
+
+
+def test_who_cannot_see_while_driving_says_nothing_and_is_not_waited_for(tmp_path):
+    path = recorded(tmp_path / "a.bag", lambda bag, s: compressed(bag, s, picture(s)), 2.0)
+    session, _, found = run(path, detector="resting")
+    assert not found and session.counters()["images without a look"] == session.counters()["images"] == 20
+    assert session.processed == session.scans

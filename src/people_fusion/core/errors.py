@@ -32,5 +32,9 @@ class TransformUnavailable(PeopleFusionError):
         self.may_arrive = may_arrive
 
 
+class NotLooked(PeopleFusionError):
+    """A cue cannot see anybody in one item of a stream, and says nothing of it; no fault, and nobody is missed."""
+
+
 class RecordingError(PeopleFusionError):
     """A recording is missing, unreadable, truncated or lacks what was asked of it."""

@@ -75,6 +75,7 @@ class Cue(abc.ABC):
         Raises:
             DataError: the message is unusable; the caller counts it and goes on. The cue's state is unharmed.
             TransformUnavailable: a transform that is needed for this message is not there.
+            NotLooked: nobody could be seen in this message; it says nothing of who is there.
         """
 
     def set_map(self, grid: Optional[OccupancyGrid]) -> None:

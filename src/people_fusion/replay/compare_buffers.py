@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from people_fusion.core.config import parse
-from people_fusion.core.errors import DataError, RecordingError, TransformUnavailable
+from people_fusion.core.errors import DataError, NotLooked, RecordingError, TransformUnavailable
 from people_fusion.core.grids import OccupancyGrid
 from people_fusion.core.measurements import Announcement, Measurement
 from people_fusion.core.stamps import to_seconds
@@ -330,7 +330,7 @@ class Listener:
         self.used_after_s.append(to_seconds(self._now_ns - update.measurement.stamp_ns))
 
 
-Memory = Dict[Tuple[str, int], Union[Measurement, DataError, TransformUnavailable]]
+Memory = Dict[Tuple[str, int], Union[Measurement, DataError, NotLooked, TransformUnavailable]]
 
 
 class _Remembering(Cue):
@@ -355,7 +355,7 @@ class _Remembering(Cue):
         if key not in self._memory:
             try:
                 self._memory[key] = self._cue.measure(data, transforms)
-            except (DataError, TransformUnavailable) as error:
+            except (DataError, NotLooked, TransformUnavailable) as error:
                 self._memory[key] = error
         outcome = self._memory[key]
         if isinstance(outcome, Measurement):

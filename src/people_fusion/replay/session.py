@@ -11,7 +11,7 @@ from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Opt
 
 from people_fusion.core.camera_models import Panorama
 from people_fusion.core.cameras import Camera
-from people_fusion.core.errors import ConfigError, DataError, TransformUnavailable
+from people_fusion.core.errors import ConfigError, DataError, NotLooked, TransformUnavailable
 from people_fusion.core.grids import OccupancyGrid
 from people_fusion.core.image_topics import is_rectified
 from people_fusion.core.images import Image
@@ -349,6 +349,9 @@ class Session:
                 self._withdraw(waiting)
             except TransformUnavailable:
                 self._counts["transform unavailable"] += 1
+                self._withdraw(waiting)
+            except NotLooked:
+                self._counts[f"{waiting.kind} without a look"] += 1
                 self._withdraw(waiting)
             else:
                 self._worked(announcement.cue, began_s)

@@ -8,7 +8,7 @@ from typing import Any, Callable, Dict, FrozenSet, NamedTuple, Optional, Tuple, 
 import rospy
 from visualization_msgs.msg import MarkerArray
 
-from people_fusion.core.errors import DataError, TransformUnavailable
+from people_fusion.core.errors import DataError, NotLooked, TransformUnavailable
 from people_fusion.core.measurements import Announcement, Measurement
 from people_fusion.core.waiting import WaitingRoom
 from people_fusion.cues.cue import Cue, TransformRequest
@@ -109,6 +109,8 @@ class Cues(Part):
             self._withdraw(waiting)
         except TransformUnavailable as error:
             self.node.diagnostics.bad("transform went missing", str(error))
+            self._withdraw(waiting)
+        except NotLooked:
             self._withdraw(waiting)
         else:
             self._publish(dataclasses.replace(measurement, sequence=waiting.announcement.sequence))

@@ -8,7 +8,7 @@ from typing import NamedTuple, Optional, Tuple
 import numpy as np
 
 from people_fusion.core.config import component, parameter
-from people_fusion.core.errors import ConfigError, TransformUnavailable
+from people_fusion.core.errors import ConfigError, NotLooked, TransformUnavailable
 from people_fusion.core.images import Image
 from people_fusion.core.measurements import XYZ_OBSERVED, Measurement
 from people_fusion.core.poses import Pose
@@ -125,10 +125,14 @@ class HeadCue(Cue):
         (request,) = self.transforms_needed(data)
         level_from_camera = transforms.lookup(*request)
         rotation, height = level_from_camera.rotation, float(level_from_camera.translation[2])
-        if self._detector.needs_rest and not self._rests(level_from_camera):
+        moves = self._detector.needs_rest and not self._rests(level_from_camera)
+        if moves:
             self._detector.reset()
         search = self._search(data, transforms, rotation, height)
         boxes = self._detector.detect(data, search)
+        if moves:
+            self.look = None
+            raise NotLooked(f"{self.name}: the camera moves")
         heads = heads_of_boxes(boxes.corners, data.camera, rotation, self._detector.box)
         kept = self._plausible(boxes, heads, height)
         self.look = Look(search, boxes, heads, kept)
