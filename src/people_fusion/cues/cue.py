@@ -31,6 +31,7 @@ class Cue(abc.ABC):
     Attributes:
         takes: core type of the sensor's messages, e.g. Scan.
         modality: of its measurements.
+        notes: core types of other sensors' messages that it wants to be told of.
         name: unique name of this instance, becomes Measurement.cue.
 
     Args (of every cue's constructor):
@@ -42,6 +43,7 @@ class Cue(abc.ABC):
     takes: type
     modality: str
     name: str
+    notes: Tuple[type, ...] = ()
     _announced = 0
 
     def wants(self, stamp_ns: int) -> bool:  # noqa: ARG002
@@ -76,6 +78,13 @@ class Cue(abc.ABC):
             DataError: the message is unusable; the caller counts it and goes on. The cue's state is unharmed.
             TransformUnavailable: a transform that is needed for this message is not there.
             NotLooked: nobody could be seen in this message; it says nothing of who is there.
+        """
+
+    def note(self, data: Any) -> None:
+        """A message of another sensor, of a type in `notes`, that may help with those to come.
+
+        Raises:
+            DataError: the message is unusable.
         """
 
     def set_map(self, grid: Optional[OccupancyGrid]) -> None:

@@ -258,7 +258,11 @@ class Session:
 
     def _feed_scan(self, cue: Cue, message: Any) -> None:
         self._counts[SCANS] += 1
-        self._feed_cue(cue, conversions.scan(message), SCANS)
+        scan = conversions.scan(message)
+        self._feed_cue(cue, scan, SCANS)
+        for other in self._cues:
+            if Scan in other.notes:
+                other.note(scan)
 
     def _feed_camera(self, camera: CameraSource, message: Any) -> None:
         self._models[camera.frame_id] = conversions.camera(message, is_rectified(camera.name))

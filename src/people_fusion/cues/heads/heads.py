@@ -7,11 +7,12 @@ from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
 
-from people_fusion.core.config import component, parameter
+from people_fusion.core.config import component, parameter, section
 from people_fusion.core.errors import ConfigError, NotLooked, TransformUnavailable
 from people_fusion.core.images import Image
 from people_fusion.core.measurements import XYZ_OBSERVED, Measurement
 from people_fusion.core.poses import Pose
+from people_fusion.core.scans import Scan
 from people_fusion.core.stamps import NANOSECONDS
 from people_fusion.core.tracks import Tracks
 from people_fusion.core.transforms import FramesConfig, TransformSource
@@ -20,6 +21,7 @@ from people_fusion.cues.heads.boxes import Boxes
 from people_fusion.cues.heads.detector import DETECTORS, Search
 from people_fusion.cues.heads.detectors.fhog_head import FhogHeadConfig
 from people_fusion.cues.heads.people import SLACK, Heads, ground_search, heads_of_boxes, search_around
+from people_fusion.cues.heads.ranges import Ranges, RangesConfig
 from people_fusion.cues.periods import Periods
 
 UNKNOWN_PERIOD_S = 0.1
@@ -45,6 +47,7 @@ class HeadCueConfig:
     )
 
     max_rate: float = parameter(0.0, "images a second that are looked at, others are passed over; 0: all", low=0.0)
+    ranges: RangesConfig = section(RangesConfig, "distances by other sensors than the camera")
 
     def __post_init__(self) -> None:
         if self.max_range <= self.min_range:
@@ -84,6 +87,8 @@ class HeadCue(Cue):
         self.look: Optional[Look] = None
         self._detector = DETECTORS.build(config.detector)
         self.modality = self._detector.part
+        self._ranges = Ranges(config.ranges)
+        self.notes = (Scan,) if config.ranges.scans else ()
         self._periods = Periods()
         self._tracks: Optional[Tracks] = None
         self._last_pose: Optional[Pose] = None
@@ -103,6 +108,10 @@ class HeadCue(Cue):
         """See Cue."""
         self._tracks = tracks
 
+    def note(self, data: Scan) -> None:
+        """See Cue."""
+        self._ranges.note(data)
+
     def set_scores(self, wanted: str) -> None:
         """See Cue; of a detector that has no scores there are none."""
         self._detector.wanted_scores = wanted
@@ -110,6 +119,7 @@ class HeadCue(Cue):
     def reset(self) -> None:
         """See Cue."""
         self._periods.reset()
+        self._ranges.reset()
         self._detector.reset()
         self._tracks = self._last_pose = self._taken_ns = self.look = None
         self._since_full = 0
@@ -135,6 +145,9 @@ class HeadCue(Cue):
             raise NotLooked(f"{self.name}: the camera moves")
         heads = heads_of_boxes(boxes.corners, data.camera, rotation, self._detector.box)
         kept = self._plausible(boxes, heads, height)
+        if self.notes:
+            fixed, stamp_ns = request.target_frame, data.stamp_ns
+            heads = self._ranges.refined(heads, kept, level_from_camera, fixed, stamp_ns, transforms)
         self.look = Look(search, boxes, heads, kept)
         self._sequence += 1
         return Measurement(
