@@ -230,6 +230,10 @@ class SimulatedCamera:
 
     def picture(self, history: History, time_s: float, stamp_ns: int) -> Picture:
         """What the camera sees at a time since the start."""
+        return self.shot(history, time_s, stamp_ns)[0]
+
+    def shot(self, history: History, time_s: float, stamp_ns: int) -> Tuple[Picture, np.ndarray]:
+        """The same, and how far it is to what is seen, (H, W) along the ray of each pixel, metres."""
         at = np.array([time_s])
         pose = planar.compose(history.at("robot", at)[0], self.config.mount)
         level = Pose.from_xy_yaw(float(pose[0]), float(pose[1]), float(pose[2]), self._height)
@@ -246,9 +250,9 @@ class SimulatedCamera:
             body = Pose.from_xy_yaw(x, y, float(headings[number])).rotation
             light = float(self._cast.light.at(*heads[number, :2]))
             figures.append(Figure(solids, look, head.inverse(), body, light))
-        pixels, shares = self._painter.paint(self._room.paint(pose), figures, camera_from_world)
-        truth = self._truth(stamp_ns, figures, gazes, heads, camera_from_world, shares)
-        return Picture(stamp_ns, self.config, self._exposed(pixels), truth)
+        painting = self._painter.paint(self._room.paint(pose), figures, camera_from_world)
+        truth = self._truth(stamp_ns, figures, gazes, heads, camera_from_world, painting.shares)
+        return Picture(stamp_ns, self.config, self._exposed(painting.colours), truth), painting.ranges
 
     def _exposed(self, picture: np.ndarray) -> np.ndarray:
         """Lens, stitching and sensor."""

@@ -17,6 +17,8 @@ from people_fusion.simulation import planar
 
 Point = Tuple[float, float]
 CEILING_M = 2.8
+CORNERS = np.array([(0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5), (0.5, -0.5)])
+BOARD_M, BACK_M, GAP_M = 0.03, 0.04, 0.15  # thickness of boards and backrests, and what is left open between them
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,8 @@ class FurnitureConfig:
     size: Point = parameter((0.45, 0.45), "between the legs, metres")
     leg_radius: float = parameter(0.02, "metres", low=0.005)
     mapped: bool = parameter(False, "whether the robot's map has it")
+    board: float = parameter(0.0, "upper side of its seat or table top, which cameras see; 0: none, metres", low=0.0)
+    back: float = parameter(0.0, "upper end of its backrest, opposite to where it faces; 0: none, metres", low=0.0)
 
 
 @dataclass(frozen=True)
@@ -91,6 +95,19 @@ class Low(NamedTuple):
     circles: np.ndarray
 
 
+class Board(NamedTuple):
+    """A part of furniture that cameras see and scanners do not.
+
+    Attributes:
+        base, height: its lower and its upper side, metres.
+        segments: (4, 2, 2) its outline, metres.
+    """
+
+    base: float
+    height: float
+    segments: np.ndarray
+
+
 class Plan:
     """What stands still.
 
@@ -99,6 +116,7 @@ class Plan:
         centres, radii: (C, 2), (C,) of circles, metres.
         mapped_segments, mapped_circles: (S,), (C,) whether the robot's map has them.
         low: things that do not reach the ceiling. Lasers do not ask how high anything is.
+        boards: of furniture.
     """
 
     def __init__(self, config: RoomConfig) -> None:
@@ -117,10 +135,10 @@ class Plan:
         ]
         pillars = [Low(pillar.height, np.arange(0), np.array([row])) for row, pillar in enumerate(config.pillars)]
         self.low = [thing for thing in walls + pillars if thing.height < CEILING_M]
+        self.boards = [board for item in config.furniture for board in _boards(item)]
         circles = [(pillar.at, pillar.radius, pillar.mapped) for pillar in config.pillars]
         for item in config.furniture:
-            corners = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * np.array(item.size) / 2.0
-            for corner in planar.apply(np.array([*item.at, item.yaw]), corners):
+            for corner in planar.apply(np.array([*item.at, item.yaw]), CORNERS * item.size):
                 circles.append(((float(corner[0]), float(corner[1])), item.leg_radius, item.mapped))
         self.centres = np.array([at for at, _, _ in circles]).reshape(-1, 2)
         self.radii = np.array([radius for _, radius, _ in circles])
@@ -241,6 +259,24 @@ def _read_pgm(path: Path) -> np.ndarray:
         return values[: width * height].reshape(height, width) / white
     except (ValueError, IndexError) as error:
         raise ConfigError(f"{path}: not an 8 bit PGM image ({error})") from error
+
+
+def _boards(item: FurnitureConfig) -> List[Board]:
+    """The board over the legs, and the backrest behind it."""
+    place = np.array([*item.at, item.yaw])
+    outline = CORNERS * item.size
+    boards = []
+    if item.board > 0.0:
+        boards.append(Board(item.board - BOARD_M, item.board, _closed(planar.apply(place, outline))))
+    if item.back > 0.0:
+        behind = CORNERS * [BACK_M, item.size[1]] - [0.5 * item.size[0], 0.0]
+        boards.append(Board(item.board + GAP_M, item.back, _closed(planar.apply(place, behind))))
+    return boards
+
+
+def _closed(corners: np.ndarray) -> np.ndarray:
+    """(S, 2, 2) segments round corners (S, 2)."""
+    return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
 
 
 def _outline(points: Tuple[Point, ...], closed: bool) -> np.ndarray:

@@ -19,6 +19,7 @@ AMBIENT, FROM_LAMP, FROM_ABOVE, FROM_CAMERA = 0.52, 0.26, 0.12, 0.26
 TRUNK = np.array([0.15, 0.27, 0.6])  # half axes of what cloth hangs on, metres
 CHUNK = 1 << 16  # pixels whose rays are found at once
 PAIRS = np.triu_indices(3)
+LEAST_FLAT = 1e-6  # of rays that go straight up or down
 
 
 class Figure(NamedTuple):
@@ -48,6 +49,7 @@ class Patch(NamedTuple):
         cover: (h, w) share of the pixel, without what walls hide.
         head: (h, w) share of the pixel on which the head would be seen if nothing hid it.
         free_head: (h, w) share of the pixel on which the head is seen if nobody hides it.
+        ranges: (h, w) along one ray of the pixel, infinite where it passes, metres.
     """
 
     rows: np.ndarray
@@ -56,6 +58,21 @@ class Patch(NamedTuple):
     cover: np.ndarray
     head: np.ndarray
     free_head: np.ndarray
+    ranges: np.ndarray
+
+
+class Painting(NamedTuple):
+    """A picture of people before a backdrop.
+
+    Attributes:
+        colours: (H, W, 3) float32, blue, green, red, 0 to 255.
+        shares: (N,) of that part of each head that is in the image what nothing hides.
+        ranges: (H, W) from the camera to what is seen, along one ray of each pixel, metres.
+    """
+
+    colours: np.ndarray
+    shares: np.ndarray
+    ranges: np.ndarray
 
 
 class Painter:
@@ -70,17 +87,16 @@ class Painter:
         self._camera = camera
         self._grids = {fine: _Grid(camera, level_from_camera, fine) for fine in (1, FINE)}
 
-    def paint(
-        self, backdrop: Backdrop, figures: Sequence[Figure], camera_from_world: Pose
-    ) -> Tuple[np.ndarray, np.ndarray]:
-        """(H, W, 3) float32 picture, and (N,) share of that part of each head that is in the image that nothing hides.
+    def paint(self, backdrop: Backdrop, figures: Sequence[Figure], camera_from_world: Pose) -> Painting:
+        """What a camera sees.
 
         Args:
             backdrop: the room.
             figures: N of them, in any order.
             camera_from_world: where the camera is.
         """
-        picture = backdrop.colours.copy()
+        picture, flat = backdrop.colours.copy(), self._grids[1].flat
+        ranges = backdrop.reaches / np.maximum(flat, LEAST_FLAT)
         free = np.ones(picture.shape[:2], dtype=np.float32)  # of each pixel, of all who are nearer
         shares = np.zeros(len(figures))
         distances = [np.linalg.norm(camera_from_world.apply(each.solids.centres[0])) for each in figures]
@@ -96,7 +112,8 @@ class Painter:
         for patch in reversed(patches):
             place = np.ix_(patch.rows, patch.columns)
             picture[place] = picture[place] * (1.0 - patch.cover[..., None]) + patch.colours
-        return picture, shares
+            ranges[place] = np.minimum(ranges[place], patch.ranges)
+        return Painting(picture, shares, ranges)
 
     def _patch(self, figure: Figure, camera_from_world: Pose, backdrop: Backdrop) -> Optional[Patch]:
         """One person, or None where the camera sees nothing of it."""
@@ -137,8 +154,9 @@ class Painter:
         walls = backdrop.distances[top:bottom][:, columns].repeat(fine, axis=0).repeat(fine, axis=1)
         covers = hit & (np.where(hit, depth, np.float32(0.0)) * flat < walls)
         colours[~covers] = 0.0
-        binned = [_binned(each, fine) for each in (colours, covers, head, head & covers)]
-        return Patch(np.arange(top, bottom), columns, *binned)
+        colours, cover, of_head, free = (_binned(each, fine) for each in (colours, covers, head, head & covers))
+        ranges = np.where(covers, depth, np.float32(np.inf))[::fine, ::fine]
+        return Patch(np.arange(top, bottom), columns, colours, cover, of_head, free, ranges)
 
     def _bounds(self, centres: np.ndarray, shapes: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         """(K, 4) top, left, bottom, right in pixels that hold each ellipsoid, (K,) whether any of it is in the image;

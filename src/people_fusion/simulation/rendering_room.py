@@ -8,7 +8,7 @@ import numpy as np
 
 from people_fusion.core.cameras import Camera
 from people_fusion.simulation import planar, rays
-from people_fusion.simulation.plan import CEILING_M, Low, Plan
+from people_fusion.simulation.plan import CEILING_M, Plan
 
 PICTURES_M, SKIRTING_M = (1.25, 1.95), 0.09
 PANEL_M, TILE_M, LAMP_M = 1.6, 0.5, 1.8
@@ -24,10 +24,21 @@ class Backdrop(NamedTuple):
     Attributes:
         colours: (H, W, 3) float32, blue, green, red, 0 to 255.
         distances: (H, W) along the floor to what hides people, metres.
+        reaches: (H, W) along the floor to what is seen, floor and ceiling, too, metres.
     """
 
     colours: np.ndarray
     distances: np.ndarray
+    reaches: np.ndarray
+
+
+class _Surfaces(NamedTuple):
+    """Segments (S, 2, 2) and circles, (C, 2) and (C,), metres, and (S + C,) the numbers of their colours."""
+
+    segments: np.ndarray
+    centres: np.ndarray
+    radii: np.ndarray
+    numbers: np.ndarray
 
 
 class Light:
@@ -62,7 +73,7 @@ class RoomPainter:
         light: Light,
         rng: np.random.Generator,
     ) -> None:
-        self._plan, self._height, self._light = plan, height, light
+        self._height, self._light = height, light
         columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
         looks = camera.rays(np.column_stack([columns.ravel(), rows.ravel()]).astype(float)) @ level_from_camera.T
         looks = np.where(np.isfinite(looks), looks, 0.0)
@@ -77,8 +88,14 @@ class RoomPainter:
         surfaces = len(plan.segments) + len(plan.radii) + 1
         colours = rng.uniform(105.0, 225.0, (surfaces, 1)) * rng.uniform(0.85, 1.0, (surfaces, 3))
         low = [thing.segments for thing in plan.low], [thing.circles for thing in plan.low]
-        self._tall_segments = np.setdiff1d(np.arange(len(plan.segments)), np.concatenate([[], *low[0]]))
-        self._tall_circles = np.setdiff1d(np.flatnonzero(plan.radii >= THIN_M), np.concatenate([[], *low[1]]))
+        tall_segments = np.setdiff1d(np.arange(len(plan.segments)), np.concatenate([[], *low[0]]))
+        tall_circles = np.setdiff1d(np.flatnonzero(plan.radii >= THIN_M), np.concatenate([[], *low[1]]))
+        self._tall = _of_plan(plan, tall_segments, tall_circles)
+        self._low = [(0.0, each.height, _of_plan(plan, each.segments, each.circles)) for each in plan.low]
+        for board in plan.boards:
+            numbers = np.full(len(board.segments), surfaces - 1)
+            outline = _Surfaces(board.segments, np.zeros((0, 2)), np.zeros(0), numbers)
+            self._low.append((board.base, board.height, outline))
         self._colours = colours.astype(np.float32)
         self._noise = _noise(rng)
         self._chances = rng.random((CHANCES, 5)).astype(np.float32)
@@ -92,7 +109,7 @@ class RoomPainter:
         return self._last[1]
 
     def _painted(self, pose: np.ndarray) -> Backdrop:
-        table = self._cast(pose, self._tall_segments, self._tall_circles)
+        table = self._cast(pose, self._tall)
         distances, surfaces, along, _ = (column[self._beam_of_pixel] for column in table)
         surfaces = surfaces.astype(int)
         cos, sin = np.float32(np.cos(pose[2])), np.float32(np.sin(pose[2]))
@@ -109,23 +126,29 @@ class RoomPainter:
         colours[walls] = self._walls(surfaces[walls], along[walls], levels[walls])
         colours[on_floor] = self._floors(x[on_floor], y[on_floor])
         colours[on_ceiling] = _ceiling(x[on_ceiling], y[on_ceiling])
-        for thing in self._plan.low:
-            self._paint_low(thing, pose, reach, distances, colours)
+        for base, height, shape in self._low:
+            self._paint_low(base, height, self._cast(pose, shape), reach, distances, colours)
         x = np.float32(pose[0]) + reach * (cos * ahead - sin * left)
         y = np.float32(pose[1]) + reach * (sin * ahead + cos * left)
         light = np.asarray(self._light.at(x, y) * np.clip(1.1 - 0.03 * reach, 0.6, 1.1), dtype=np.float32)
-        return Backdrop(colours * light[..., None], distances)
+        return Backdrop(colours * light[..., None], distances, reach)
 
     def _paint_low(
-        self, thing: Low, pose: np.ndarray, reach: np.ndarray, distances: np.ndarray, colours: np.ndarray
+        self,
+        base: float,
+        height: float,
+        table: np.ndarray,
+        reach: np.ndarray,
+        distances: np.ndarray,
+        colours: np.ndarray,
     ) -> None:
-        """Paint a thing over what is behind it; `reach` and `distances` are those of what is seen from now on."""
-        table = self._cast(pose, thing.segments, thing.circles)
+        """Paint a thing from `base` to `height` over what is behind it, `table` of `_cast`; `reach` and `distances` are
+        those of what is seen from now on."""
         near, surfaces, along, far = (column[self._beam_of_pixel] for column in table)
         with np.errstate(divide="ignore", invalid="ignore"):
-            over = (self._height - thing.height) / -self._slopes  # where the ray is as high as the thing
+            over = (self._height - height) / -self._slopes  # where the ray is as high as the thing
         levels = self._height + near * self._slopes
-        side = (near < reach) & (levels < thing.height)
+        side = (near < reach) & (levels >= base) & (levels < height)
         top = (self._slopes < 0.0) & (over > near) & (over < np.minimum(far, reach))
         colours[side] = self._walls(surfaces[side].astype(int), along[side], levels[side])
         colours[top] = 0.9 * self._colours[surfaces[top].astype(int)]
@@ -133,14 +156,13 @@ class RoomPainter:
             reach[which] = there[which]
             distances[which] = np.minimum(distances, there)[which]
 
-    def _cast(self, pose: np.ndarray, of_segments: np.ndarray, of_circles: np.ndarray) -> np.ndarray:
+    def _cast(self, pose: np.ndarray, shape: _Surfaces) -> np.ndarray:
         """(4, B) of every beam: distance, number of the surface, place along it, and where it leaves; metres."""
-        plan = self._plan
-        segments, radii = plan.segments[of_segments], plan.radii[of_circles]
+        segments, radii = shape.segments, shape.radii
         azimuths = self._used * (2.0 * np.pi / self._beams) - np.pi + pose[2]
         directions = planar.direction(azimuths)
         origins = np.broadcast_to(pose[:2], directions.shape)
-        centres = np.broadcast_to(plan.centres[of_circles], (len(origins), len(radii), 2))
+        centres = np.broadcast_to(shape.centres, (len(origins), len(radii), 2))
         ranges, hits, _ = rays.cast(origins, directions, segments, centres, radii)
         leaves = rays.leave(origins, directions, segments, centres, radii)
         ranges = np.minimum(ranges, FAR_M)
@@ -151,7 +173,7 @@ class RoomPainter:
         way = second - first
         way /= np.linalg.norm(way, axis=1, keepdims=True)
         along[flat] = np.sum((points[flat] - first) * way, axis=1)
-        surfaces = np.concatenate([of_segments, len(plan.segments) + of_circles, [-1]])[hits]
+        surfaces = np.append(shape.numbers, -1)[hits]
         table = np.zeros((4, self._beams), dtype=np.float32)
         table[:, self._used] = ranges, surfaces, along, leaves
         return table
@@ -182,6 +204,12 @@ class RoomPainter:
     def _grain(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         columns, rows = (100.0 * x).astype(int) % TEXTURE, (100.0 * y).astype(int) % TEXTURE
         return np.asarray(self._noise[rows, columns])
+
+
+def _of_plan(plan: Plan, segments: np.ndarray, circles: np.ndarray) -> _Surfaces:
+    segments, circles = segments.astype(int), circles.astype(int)
+    numbers = np.concatenate([segments, len(plan.segments) + circles])
+    return _Surfaces(plan.segments[segments], plan.centres[circles], plan.radii[circles], numbers)
 
 
 def _ceiling(x: np.ndarray, y: np.ndarray) -> np.ndarray:

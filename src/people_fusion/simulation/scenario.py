@@ -11,6 +11,7 @@ from people_fusion.core.errors import ConfigError
 from people_fusion.core.resources import directory
 from people_fusion.core.transforms import DriftConfig
 from people_fusion.simulation.camera import CameraConfig, LooksConfig
+from people_fusion.simulation.depth_camera import DepthCameraConfig
 from people_fusion.simulation.detector import DetectorConfig
 from people_fusion.simulation.gait import GaitConfig
 from people_fusion.simulation.localisation import AmclConfig
@@ -56,6 +57,7 @@ class ScenarioConfig:
     scanners: Tuple[ScannerConfig, ...] = parameter((FRONT, REAR), "the robot's laser scanners")
     detectors: Tuple[DetectorConfig, ...] = parameter((), "emulated camera cues; no images are made")
     cameras: Tuple[CameraConfig, ...] = parameter((), "simulated cameras, whose images are recorded")
+    depth_cameras: Tuple[DepthCameraConfig, ...] = parameter((), "simulated depth cameras, likewise")
     looks: LooksConfig = section(LooksConfig, "what these see of the people beyond where they are")
     odometry_rate: float = parameter(25.0, "of odometry and of both dynamic transforms, Hz", low=1.0, high=50.0)
     drift: DriftConfig = section(DriftConfig, "of the odometry")
@@ -68,7 +70,7 @@ class ScenarioConfig:
         count = sum(person.count for person in self.people)
         if self.robot.do == "follow" and self.robot.person >= count:
             raise ConfigError(f"robot/person: there is no person {self.robot.person}, only {count}")
-        frames = [camera.frame for camera in self.cameras]
+        frames = [camera.frame for camera in self.cameras] + [camera.frame for camera in self.depth_cameras]
         if len(set(frames)) < len(frames) or set(frames) & {detector.frame for detector in self.detectors}:
             raise ConfigError(f"cameras: each camera needs a frame of its own, got frames {frames}")
 

@@ -15,6 +15,7 @@ from people_fusion.core.stamps import NANOSECONDS, from_seconds
 from people_fusion.replay.track_bag import ANNOUNCEMENTS_TOPIC, DETECTIONS_TOPIC
 from people_fusion.simulation import planar
 from people_fusion.simulation.camera import Calibration, Cast, SimulatedCamera
+from people_fusion.simulation.depth_camera import SimulatedDepthCamera
 from people_fusion.simulation.detector import Detector
 from people_fusion.simulation.localisation import drift, localise
 from people_fusion.simulation.plan import Plan
@@ -79,8 +80,8 @@ class Annotation:
     age_s: float
 
 
-# Topic, arrival, and one of the types above, Scan, OccupancyGrid, a tuple of FrameTransform, Picture, Calibration,
-# HeadBoxes, Told or Measurement.
+# Topic, arrival, and one of the types above, Scan, OccupancyGrid, a tuple of FrameTransform, Picture, DepthPicture,
+# Calibration, HeadBoxes, Told or Measurement.
 Event = Tuple[str, int, Any]
 
 
@@ -88,8 +89,8 @@ def simulate(scenario: ScenarioConfig, seed: int) -> Iterator[Event]:
     """Everything that is recorded, in order of arrival: (topic, arrival in nanoseconds, object).
 
     The objects are Scan, OccupancyGrid (/map), FrameTransform (/tf), a tuple of them (/tf_static), OdometryReading
-    (/odom), LocalisationFix (/amcl_pose), Annotation (/ground_truth), of cameras Picture, Calibration and HeadBoxes, of
-    emulated camera cues Told and Measurement.
+    (/odom), LocalisationFix (/amcl_pose), Annotation (/ground_truth), of cameras Picture or DepthPicture, Calibration
+    and HeadBoxes, of emulated camera cues Told and Measurement.
 
     Raises:
         ConfigError: the room has no place for the robot or for the people.
@@ -123,17 +124,14 @@ class Simulation:
             Detector(config, self.plan, self._generator(f"detector {config.name}")) for config in scenario.detectors
         ]
         self._cast = cast = Cast(self.history, scenario.looks, self._generator("looks"))
+        seen_by = (self.plan, cast, BASE_HEIGHT, scenario.gait.laser_height)
         self.cameras = [
-            SimulatedCamera(
-                config,
-                self.plan,
-                cast,
-                BASE_HEIGHT,
-                scenario.gait.laser_height,
-                self._generator("room"),
-                self._generator(f"camera {config.topic}"),
-            )
-            for config in scenario.cameras
+            SimulatedCamera(each, *seen_by, self._generator("room"), self._generator(f"camera {each.topic}"))
+            for each in scenario.cameras
+        ]
+        self.depth_cameras = [
+            SimulatedDepthCamera(each, *seen_by, self._generator("room"), self._generator(f"camera {each.topic}"))
+            for each in scenario.depth_cameras
         ]
 
     def events(self) -> Iterator[Event]:
@@ -143,6 +141,7 @@ class Simulation:
         streams += [self._arrive(s.config.topic, self._scans(s), s.config.sweep_s) for s in self.scanners]
         streams.append(self._arrive("/ground_truth", self._annotations()))
         streams += [self._pictures(camera) for camera in self.cameras]
+        streams += [self._depth_pictures(camera) for camera in self.depth_cameras]
         streams += [self._detections(detector) for detector in self.detectors]
         return heapq.merge(*streams, key=lambda event: event[1])
 
@@ -166,13 +165,13 @@ class Simulation:
 
     def _static(self) -> Iterator[Event]:
         links = [FrameTransform(START_NS, FOOTPRINT, BASE, _pose(np.zeros(3), BASE_HEIGHT))]
-        for config in self.scenario.scanners:
-            links.append(FrameTransform(START_NS, BASE, config.frame, _pose(config.mount, config.at[2])))
+        for scanner in self.scenario.scanners:
+            links.append(FrameTransform(START_NS, BASE, scanner.frame, _pose(scanner.mount, scanner.at[2])))
         cameras = {detector.config.frame: detector for detector in self.detectors}
         for frame, detector in cameras.items():
             links.append(FrameTransform(START_NS, BASE, frame, _pose(detector.mount, detector.config.at[2])))
-        for camera in self.cameras:
-            links.append(FrameTransform(START_NS, BASE, camera.config.frame, camera.config.base_from_camera))
+        for config in [each.config for each in self.cameras] + [each.beside.config for each in self.depth_cameras]:
+            links.append(FrameTransform(START_NS, BASE, config.frame, config.base_from_camera))
         yield "/tf_static", START_NS, tuple(links)
         yield "/map", START_NS, self.plan.grid(self.history.robot[0, :2])
 
@@ -218,6 +217,20 @@ class Simulation:
                 yield camera_info_of(topic), arrival_ns, Calibration(picture.stamp_ns, config)
             yield topic, arrival_ns, picture
             yield config.truth_topic, arrival_ns, picture.heads
+
+    def _depth_pictures(self, camera: SimulatedDepthCamera) -> Iterator[Event]:
+        """Depth images, colour images where they are wanted, what is said of their camera and the truth about them."""
+        config, beside = camera.config, camera.beside.config
+        times = self._times(config.rate, config.offset_s)
+        pictures = (camera.picture(self.history, float(time), _stamp(time)) for time in times)
+        for topic, arrival_ns, picture in self._arrive(config.image_topic, pictures):
+            calibration = Calibration(picture.stamp_ns, beside)
+            yield camera_info_of(config.topic), arrival_ns, calibration
+            yield topic, arrival_ns, picture
+            if config.colour:
+                yield camera_info_of(config.colour), arrival_ns, calibration
+                yield beside.image_topic, arrival_ns, picture.colour
+            yield beside.truth_topic, arrival_ns, picture.heads
 
     def _detections(self, detector: Detector) -> Iterator[Event]:
         config = detector.config
