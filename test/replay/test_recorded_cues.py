@@ -5,14 +5,17 @@ import heapq
 
 import numpy as np
 import pytest
+from bags import BagBuilder
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from people_fusion.core.measurements import XY_OBSERVED, Announcement, Measurement, Sight
+from people_fusion.core.measurements import XY_OBSERVED, Announcement, Bodies, Measurement, Sight
+from people_fusion.core.resources import directory
 from people_fusion.core.stamps import from_seconds, to_seconds
 from people_fusion.replay import conversions
 from people_fusion.replay.discovery import discover
 from people_fusion.replay.recording import Recording
 from people_fusion.replay.session import Session
-from people_fusion.replay.track_bag import ANNOUNCEMENTS_TOPIC, DETECTIONS_TOPIC
+from people_fusion.replay.track_bag import ANNOUNCEMENTS_TOPIC, DETECTIONS_TOPIC, detection_fields
 from people_fusion.simulation.bag import write_bag
 from people_fusion.simulation.detector import Told
 from people_fusion.simulation.scenario import load_scenario
@@ -82,6 +85,7 @@ def test_detections_come_back_as_they_were_written(tmp_path):
         sight=Sight(np.zeros(2), 0.0, -1.0, 0.5, np.array([1.0, np.nan, 3.0]), 8.0),
         legs=np.array([[1.0, 2.0]]),
         leg_owners=np.array([1]),
+        bodies=Bodies(np.array([1.8, 1.2]), np.array([0.02, 0.04]), np.array([0.0, 0.9])),
     )
     told = Told(Announcement(written.stamp_ns, "camera", 10, True), "camera_link")
     write_bag(tmp_path / "a.bag", [
@@ -95,6 +99,29 @@ def test_detections_come_back_as_they_were_written(tmp_path):
     for name in ("positions", "covariances", "confidences", "legs", "leg_owners"):
         np.testing.assert_array_equal(getattr(read, name), getattr(written, name))
     np.testing.assert_array_equal(read.sight.ranges, written.sight.ranges)
+    np.testing.assert_array_equal(read.bodies, written.bodies)
+
+
+def test_detections_that_were_recorded_before_there_were_heights_are_read(tmp_path):
+    person, persons = (directory("msg") / f"{name}.msg" for name in ("DetectedPerson", "DetectedPersons"))
+    older = person.read_text(encoding="utf-8").split("# Of a cue that sees whole people")[0]
+
+    def make(kind, *fields):
+        return store.types[kind](*(fields[:4] if kind.endswith("DetectedPerson") else fields))
+
+    with BagBuilder(tmp_path / "a.bag") as bag:
+        bag.store = store = get_typestore(Stores.ROS1_NOETIC)
+        store.register(get_types_from_msg(older, "people_fusion/msg/DetectedPerson"))
+        store.register(get_types_from_msg(persons.read_text(encoding="utf-8"), "people_fusion/msg/DetectedPersons"))
+        fields = detection_fields(measured_at(1.0, "camera"), make).values()
+        for seconds in (1.0, 2.0):
+            header = bag.header(seconds, "camera_link")
+            bag.add(DETECTIONS_TOPIC, "people_fusion/DetectedPersons", seconds, header, *fields)
+    with Recording(tmp_path / "a.bag") as recording:
+        message = next(recording.messages(recording.topics)).read()
+    assert not hasattr(message.detections[0], "height")
+    read = conversions.measurement(message)
+    assert len(read) == 1 and read.bodies is None
 
 
 def test_what_the_cues_of_these_scans_said_live_is_not_counted_twice(tmp_path, events):

@@ -11,7 +11,7 @@ pytest.importorskip("people_fusion.msg", reason="the messages are not built; too
 
 from people_fusion.core.errors import DataError
 from people_fusion.core.grids import OccupancyGrid
-from people_fusion.core.measurements import XY_OBSERVED, XYZ_OBSERVED, Announcement, Measurement, Sight
+from people_fusion.core.measurements import XY_OBSERVED, XYZ_OBSERVED, Announcement, Bodies, Measurement, Sight
 from people_fusion.core.poses import Pose, UncertainPose
 from people_fusion.core.scans import Scan
 from people_fusion.core.tracks import Particles, Tracks
@@ -159,6 +159,42 @@ def test_nobody_seen_returns_from_the_wire(measurement: Measurement) -> None:
     assert_same(nobody, c.measurement_from_msg(c.measurement_to_msg(nobody)))
 
 
+def with_bodies(measurement: Measurement) -> Measurement:
+    bodies = Bodies(np.array([1.8, 1.25, 0.9]), np.array([0.02, 0.05, 0.1]), np.array([0.0, 0.75, 1.0]))
+    return dataclasses.replace(measurement, bodies=bodies)
+
+
+def test_heights_and_postures_return_from_the_wire(measurement: Measurement) -> None:
+    sent = with_bodies(measurement)
+    back = c.measurement_from_msg(c.measurement_to_msg(sent))
+    assert back.bodies is not None and sent.bodies is not None
+    np.testing.assert_array_equal(back.bodies, sent.bodies)
+
+
+def test_who_tells_no_heights_tells_none(measurement: Measurement) -> None:
+    message = c.measurement_to_msg(measurement)
+    assert {person.height_std for person in message.detections} == {0.0}
+    assert c.measurement_from_msg(message).bodies is None
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "reason"),
+    [
+        ("height_std", 0.0, "heights of some people"),
+        ("height_std", -0.1, "impossible height"),
+        ("height_std", math.nan, "impossible height"),
+        ("height", math.inf, "impossible height"),
+        ("sitting", 1.5, "probability of sitting"),
+        ("sitting", math.nan, "impossible height"),
+    ],
+)
+def test_bodies_that_cannot_be_are_refused(measurement: Measurement, field: str, value: float, reason: str) -> None:
+    message = c.measurement_to_msg(with_bodies(measurement))
+    setattr(message.detections[1], field, value)
+    with pytest.raises(DataError, match=reason):
+        c.measurement_from_msg(message)
+
+
 def test_what_a_laser_does_not_see_has_the_large_variance(measurement: Measurement) -> None:
     for person in c.measurement_to_msg(measurement).detections:
         diagonal = np.diag(np.reshape(person.pose.covariance, (6, 6)))
@@ -170,8 +206,6 @@ def test_detection_ids_differ_between_messages(measurement: Measurement) -> None
     second = dataclasses.replace(measurement, sequence=measurement.sequence + 1)
     persons = [*c.measurement_to_msg(measurement).detections, *c.measurement_to_msg(second).detections]
     assert len({person.detection_id for person in persons}) == 6
-
-
 
 
 def set_variance(message: Any, axis: int, value: float, person: int = 1) -> None:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Optional, Tuple
+from typing import Any, Optional, Sequence, Tuple
 
 import numpy as np
 
 from people_fusion.core.angles import bearings
 from people_fusion.core.errors import DataError
 from people_fusion.core.gaussians import checked_covariance
-from people_fusion.core.measurements import XY_OBSERVED, Measurement, Sight
+from people_fusion.core.measurements import XY_OBSERVED, Bodies, Measurement, Sight
 
 UNOBSERVED_VARIANCE = 1e6  # stands for «not observed»
 DETECTIONS_PER_MESSAGE = 1 << 16  # detection_id counts a cue's messages in steps of this
@@ -76,7 +76,29 @@ def measurement_of(message: Any, stamp_ns: int, frame_id: str) -> Measurement:
         sight=_sight_of(message),
         legs=legs,
         leg_owners=owners,
+        bodies=_bodies_of(detections),
     )
+
+
+def bodies_on_wire(measurement: Measurement) -> np.ndarray:
+    """(N, 3) height, height_std and sitting of each DetectedPerson; zeros of a cue that does not tell them."""
+    if measurement.bodies is None:
+        return np.zeros((len(measurement), 3))
+    return np.column_stack(measurement.bodies).astype(float)
+
+
+def _bodies_of(detections: Sequence[Any]) -> Optional[Bodies]:
+    told = [(d.height, d.height_std, d.sitting) for d in detections if getattr(d, "height_std", 0.0)]  # once had none
+    if not told:
+        return None
+    bodies = Bodies(*np.array(told, dtype=float).T)
+    if len(told) < len(detections):
+        raise DataError("heights of some people of a message alone", f"{len(told)} of {len(detections)}")
+    if not np.isfinite(told).all() or (bodies.height_stds < 0.0).any():
+        raise DataError("impossible height of a person", f"{told}")
+    if ((bodies.sitting < 0.0) | (bodies.sitting > 1.0)).any():
+        raise DataError("probability of sitting is not within [0, 1]", f"{bodies.sitting}")
+    return bodies
 
 
 def _sight_of(message: Any) -> Optional[Sight]:

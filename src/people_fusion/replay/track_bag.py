@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Callable, Dict, List, Optional, Type, Union
+from typing import Any, Callable, Dict, List, Optional, Sequence, Type, Union
 
 import numpy as np
 from rosbags.rosbag1 import Writer
@@ -15,7 +15,7 @@ from people_fusion.core.measurements import Measurement
 from people_fusion.core.stamps import NANOSECONDS, from_seconds, split, to_seconds
 from people_fusion.core.tracks import Tracks
 from people_fusion.core.transforms import normalise_frame
-from people_fusion.core.wire import DETECTIONS_PER_MESSAGE, UNOBSERVED_VARIANCE, headings
+from people_fusion.core.wire import DETECTIONS_PER_MESSAGE, UNOBSERVED_VARIANCE, bodies_on_wire, headings
 from people_fusion.replay.conversions import stamp
 from people_fusion.replay.recording import Recording, Topic
 from people_fusion.replay.typestore import typestore
@@ -81,9 +81,7 @@ class TrackWriter:
     def write_measurement(self, measurement: Measurement, arrival_ns: int) -> None:
         """A cue's detections, in its sensor's frame."""
         fields = detection_fields(measurement, self._make)
-        self._write(
-            DETECTIONS_TOPIC, _DETECTIONS, arrival_ns, measurement.stamp_ns, measurement.frame_id, **fields
-        )
+        self._write(DETECTIONS_TOPIC, _DETECTIONS, arrival_ns, measurement.stamp_ns, measurement.frame_id, **fields)
 
     def _write(self, topic: str, kind: str, arrival_ns: int, stamp_ns: int, frame_id: str, **fields: Any) -> None:
         sequence = self._counts.get(topic, 0)
@@ -126,12 +124,13 @@ class TrackWriter:
 def detection_fields(measurement: Measurement, make: Callable[..., Any]) -> Dict[str, Any]:
     """Fields of people_fusion/DetectedPersons but its header; `make` builds a message of its type and its fields."""
     sight = measurement.sight
+    bodies = bodies_on_wire(measurement).tolist()
     return {
         "cue": measurement.cue,
         "modality": measurement.modality,
         "sequence": measurement.sequence,
         "period": float(measurement.period_s),
-        "detections": [_detected(measurement, row, make) for row in range(len(measurement))],
+        "detections": [_detected(measurement, row, body, make) for row, body in enumerate(bodies)],
         "sight_angle_min": 0.0 if sight is None else float(sight.angle_min),
         "sight_angle_increment": 0.0 if sight is None else float(sight.angle_increment),
         "sight_range_max": 0.0 if sight is None else float(sight.range_max),
@@ -142,7 +141,7 @@ def detection_fields(measurement: Measurement, make: Callable[..., Any]) -> Dict
     }
 
 
-def _detected(measurement: Measurement, row: int, make: Callable[..., Any]) -> Any:
+def _detected(measurement: Measurement, row: int, body: Sequence[float], make: Callable[..., Any]) -> Any:
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = measurement.covariances[row]
     unobserved = [*np.flatnonzero(~np.array(measurement.observed)), 3, 4, 5]
@@ -153,6 +152,7 @@ def _detected(measurement: Measurement, row: int, make: Callable[..., Any]) -> A
         float(measurement.confidences[row]),
         _pose(measurement.positions[row], 0.0, covariance, make),
         measurement.modality,
+        *body,
     )
 
 

@@ -26,7 +26,13 @@ from people_fusion.core.poses import Pose, UncertainPose
 from people_fusion.core.scans import Scan
 from people_fusion.core.stamps import NANOSECONDS, from_seconds, join, split, to_seconds
 from people_fusion.core.tracks import Particles, Tracks
-from people_fusion.core.wire import DETECTIONS_PER_MESSAGE, UNOBSERVED_VARIANCE, headings, measurement_of
+from people_fusion.core.wire import (
+    DETECTIONS_PER_MESSAGE,
+    UNOBSERVED_VARIANCE,
+    bodies_on_wire,
+    headings,
+    measurement_of,
+)
 from people_fusion.msg import (
     DetectedPerson,
     DetectedPersons,
@@ -216,13 +222,15 @@ def measurement_to_msg(measurement: Measurement) -> Any:
     covariances[:, :3, :3] = measurement.covariances
     covariances[:, unobserved, unobserved] = UNOBSERVED_VARIANCE
     first = measurement.sequence * DETECTIONS_PER_MESSAGE
-    rows = zip(measurement.positions.tolist(), covariances.reshape(-1, 36).tolist())
-    for i, (position, covariance) in enumerate(rows):
+    bodies = bodies_on_wire(measurement).tolist()
+    rows = zip(measurement.positions.tolist(), covariances.reshape(-1, 36).tolist(), bodies)
+    for i, (position, covariance, body) in enumerate(rows):
         person = DetectedPerson(
             detection_id=first + i, confidence=float(measurement.confidences[i]), modality=measurement.modality
         )
         person.pose.pose = PoseMsg(Point(*position), QuaternionMsg(0.0, 0.0, 0.0, 1.0))
         person.pose.covariance = covariance
+        person.height, person.height_std, person.sitting = body
         message.detections.append(person)
     sight = measurement.sight
     if sight is not None:
