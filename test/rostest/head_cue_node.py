@@ -19,8 +19,8 @@ from tf2_msgs.msg import TFMessage
 from people_fusion.core.stamps import to_seconds
 from people_fusion.cues.heads.native import is_native
 from people_fusion.msg import DetectedPersons, MeasurementAnnouncement
+from people_fusion.ros.camera_cues import BUSY
 from people_fusion.ros.conversions import stamp_from_msg
-from people_fusion.ros.head_cue_node import BUSY
 from people_fusion.ros.images import image_to_msg
 
 RAW, COMPRESSED = "panorama/image_raw", "other/image_raw/compressed"

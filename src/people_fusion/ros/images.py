@@ -24,6 +24,12 @@ def camera_from_msg(message: Any, rectified: bool) -> Camera:
     return camera_of(message.width, message.height, message.distortion_model, *matrices, rectified)
 
 
+def same_camera(one: Any, other: Any) -> bool:
+    """Whether two CameraInfo describe the same camera, whatever their headers."""
+    fields = ("width", "height", "distortion_model", "D", "K", "R", "P")
+    return all(getattr(one, field) == getattr(other, field) for field in fields)
+
+
 def image_from_msg(message: Any, camera: Camera) -> Image:
     """Image of a sensor_msgs/Image or CompressedImage.
 
