@@ -1,7 +1,8 @@
-"""Pixels of images as they are sent: raw in the encodings of sensor_msgs/Image, or compressed."""
+"""Pixels and depths of images as they are sent: raw in the encodings of sensor_msgs/Image, or compressed."""
 
 from __future__ import annotations
 
+import struct
 from typing import Dict, Tuple
 
 import numpy as np
@@ -9,7 +10,10 @@ import numpy as np
 from people_fusion.core.errors import DataError
 
 UNKNOWN, MISFIT, UNREADABLE = "image of unknown encoding", "image whose data does not fit its size", "unreadable image"
+NO_DEPTHS = "image that holds no depths"
 LARGEST = 1 << 28  # pixels; more is a broken header
+PNG = b"\x89PNG"
+DEPTH_HEADER = struct.Struct("<iff")  # of compressed_depth_image_transport: kind, and two numbers to undo it with
 
 # Bytes a channel, channels, and OpenCV's name of the conversion to grey or to blue, green, red.
 _ENCODINGS: Dict[str, Tuple[int, int, str]] = {
@@ -30,6 +34,7 @@ _ENCODINGS: Dict[str, Tuple[int, int, str]] = {
     "yuv422": (1, 2, "COLOR_YUV2BGR_UYVY"),
     "yuv422_yuy2": (1, 2, "COLOR_YUV2BGR_YUY2"),
 }
+_DEPTHS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}  # millimetres with 0 for none, metres
 
 
 def raw_pixels(height: int, width: int, step: int, encoding: str, big_endian: bool, data: bytes) -> np.ndarray:
@@ -76,3 +81,60 @@ def compressed_pixels(data: bytes) -> np.ndarray:
     if pixels is None:
         raise DataError(UNREADABLE, f"{len(flat)} bytes")
     return np.asarray(pixels)
+
+
+def raw_depths(height: int, width: int, step: int, encoding: str, big_endian: bool, data: bytes) -> np.ndarray:
+    """(H, W) float32 metres, NaN where there is no return, of the fields of a sensor_msgs/Image.
+
+    Raises:
+        DataError: no pixels, an encoding that holds no depths, or less data than rows of `step` bytes need.
+    """
+    if height < 1 or width < 1 or height * width > LARGEST:
+        raise DataError(MISFIT, f"{width} x {height}")
+    if encoding not in _DEPTHS:
+        raise DataError(NO_DEPTHS, repr(encoding))
+    kind = np.dtype((">" if big_endian else "<") + _DEPTHS[encoding])
+    row = width * kind.itemsize
+    flat = np.frombuffer(data, dtype=np.uint8)
+    if step < row or len(flat) < step * (height - 1) + row:
+        raise DataError(MISFIT, f"{width} x {height} {encoding}, {step} bytes a row, {len(flat)} in all")
+    if len(flat) < step * height:  # the last row need not be filled up
+        flat = np.concatenate([flat, np.zeros(step * height - len(flat), dtype=np.uint8)])
+    pixels = np.ascontiguousarray(flat[: step * height].reshape(height, step)[:, :row]).view(kind)
+    return _metres(pixels)
+
+
+def compressed_depths(encoding: str, data: bytes) -> np.ndarray:
+    """(H, W) float32 metres, NaN where there is no return, of a PNG of depths.
+
+    Args:
+        encoding: `format` of the sensor_msgs/CompressedImage: "16UC1; compressedDepth", "32FC1; compressedDepth", ...
+        data: the PNG, with or without the header of compressed_depth_image_transport. In PNGs of 32FC1 are numbers n
+            that grow with 1 / depth: depth = a / (n - b) with a and b in that header.
+
+    Raises:
+        DataError: it is no PNG of depths, or damaged.
+    """
+    import cv2
+
+    size = DEPTH_HEADER.size
+    headed = len(data) > size and bytes(data[: len(PNG)]) != PNG
+    _, a, b = DEPTH_HEADER.unpack(bytes(data[:size])) if headed else (0, 0.0, 0.0)
+    flat = np.frombuffer(data, dtype=np.uint8)[size if headed else 0 :]
+    pixels = cv2.imdecode(flat, cv2.IMREAD_UNCHANGED) if len(flat) else None
+    if pixels is None:
+        raise DataError(UNREADABLE, f"{len(data)} bytes {encoding!r}")
+    if pixels.ndim != 2 or pixels.dtype != np.uint16 or (encoding.startswith("32FC1") and not headed):
+        raise DataError(NO_DEPTHS, f"{encoding!r} of {pixels.dtype}, {pixels.shape}")
+    if not encoding.startswith("32FC1"):
+        return _metres(pixels)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return _metres(np.where(pixels > 0, np.float32(a) / (pixels.astype(np.float32) - np.float32(b)), np.nan))
+
+
+def _metres(pixels: np.ndarray) -> np.ndarray:
+    """Of millimetres, if whole numbers; what is not in front of the camera is none."""
+    depths = np.asarray(pixels, dtype=np.float32) * np.float32(0.001 if pixels.dtype.kind == "u" else 1.0)
+    with np.errstate(invalid="ignore"):
+        depths[~((depths > 0.0) & (depths < np.inf))] = np.nan
+    return depths
