@@ -77,6 +77,29 @@ def test_each_person_is_found_once(people, boxes, pose):
     assert_found(people, seen(people, boxes, pose)[1])
 
 
+@pytest.mark.parametrize("y", [-0.48, 0.0, 0.48])
+def test_heads_just_below_the_upper_edge_are_found_and_in_the_corners_too(y):
+    person = Person(1.2, y, 1.78)
+    pose = pose_of(1.35, 0.0)
+    row = Ideal().project(pose.inverse().apply(np.array([[1.12, y, person.height]])))[0, 1]
+    assert 0.0 < row < 45.0
+    assert_found([person], seen([person], pose=pose)[1])
+
+
+@pytest.mark.parametrize("cut", [0.03, 0.06])
+def test_how_much_the_upper_edge_cuts_off_is_doubt_about_the_height(cut):
+    pose = pose_of(1.35, 0.0)
+    ray = Ideal().rays(np.array([[320.0, 0.0]]))[0]
+    person = Person(1.4, 0.0, 1.35 - 1.32 * ray[1] / ray[2] + cut)
+    measurement, positions = seen([person], pose=pose)
+    assert_found([person], positions, within=0.12)
+    whole, _ = seen([Person(1.4, 0.0, 1.7)], pose=pose)
+    assert measurement.covariances[0, 1, 1] > whole.covariances[0, 1, 1] + 0.04**2  # y of the camera points down
+    assert measurement.bodies.height_stds[0] > 0.045 > whole.bodies.height_stds[0]
+    error = measurement.positions[0] - pose.inverse().apply(person.head[None])[0]
+    assert error @ np.linalg.solve(measurement.covariances[0], error) < 9.0
+
+
 def test_covariances_are_true_of_people_who_differ():
     rng = np.random.default_rng(3)
     squares, missed = [], 0

@@ -30,17 +30,17 @@ from people_fusion.cues.rgbd.upper_bodies import UpperBodies, View, measure
 
 UNKNOWN_PERIOD_S = 0.1
 ROWS = 240  # of the image that the grid is made from; more rows are passed over
-CUT_ROWS = 0.06  # of the image's height: what begins there is cut by its upper edge
+# As shares of the image's height: rows at its upper edge that a registered image may lack, and what is of the edge. A
+# head whose top is there may go on beyond it.
+BLANK_ROWS, EDGE_ROWS = 0.06, 0.015
+CUT_STD = 0.05  # of how much of it is cut off, metres
 MOST_CANDIDATES = 40
 TABLES = 4  # of rays that are kept: cameras change their resolution, but not often
 FLOOR_EVERY = 3  # of the points
 BEYOND = 0.25  # metres over the highest head that the grid is made of: what is taller is no person
 SITTING_HEIGHT, SITTING_SPREAD = 1.40, 0.06  # at which as many sit as stand, and how soon that changes, metres
-HEAD_STDS = (
-    0.022,
-    0.015,
-    0.018,
-)  # of a head's middle about where it is taken to be: along the view, across, up; metres
+# Of a head's middle about where it is taken to be: along the view, across, up; metres.
+HEAD_STDS = (0.019, 0.015, 0.016)
 NARROWEST = 1e-3  # radians, to the sides of an image of a single column
 PIXEL_STD = 0.7  # of edges, pixels
 WINDOW, HEAD_AREA = 9.0, 0.02  # pixels within which depths err alike, as they are matched so; m^2 of a face
@@ -100,11 +100,11 @@ class DepthLook(NamedTuple):
 
 
 class _Cloud(NamedTuple):
-    """Points (N, 3) in level axes, their depths (N,), and whether the image's upper edge cuts them (N,)."""
+    """Points (N, 3) in level axes, their depths (N,), and the last row that is of the image's upper edge."""
 
     points: np.ndarray
     depths: np.ndarray
-    cut: np.ndarray
+    edge_row: float
 
 
 @CUES.register("rgbd", RgbdCueConfig)
@@ -157,7 +157,9 @@ class RgbdCue(Cue):
         confidences = self._confidences(found, floor, shown.confidences)
         kept = self._distinct(found, confidences)
         self.look = DepthLook(floor, level_from_camera, found, confidences, kept)
-        positions, covariances = self._heads(found.take(kept), floor, data.camera, level_from_camera)
+        found = found.take(kept)
+        lost_std = CUT_STD * (view.pixels(found.tops)[:, 1] < cloud.edge_row)
+        positions, covariances = self._heads(found, floor, data.camera, level_from_camera, lost_std)
         self._sequence += 1
         return Measurement(
             stamp_ns=data.stamp_ns,
@@ -170,7 +172,7 @@ class RgbdCue(Cue):
             observed=XYZ_OBSERVED,
             period_s=self._periods.note(data.stamp_ns) or UNKNOWN_PERIOD_S,
             sequence=self._sequence,
-            bodies=self._bodies(found.take(kept), floor),
+            bodies=self._bodies(found, floor, lost_std),
             sight=free_space(cloud.points, heights, _half_angle(camera), self.config.max_range),
         )
 
@@ -179,16 +181,13 @@ class RgbdCue(Cue):
         stride, table = self._table(image.camera)
         depths = image.depths[::stride, ::stride]
         valid = (depths > self._sensor.min_range) & (depths < self._sensor.max_range)  # false for NaN
-        first = valid.argmax(axis=0)
-        cut = np.zeros(depths.shape, dtype=bool)
-        edge = first < CUT_ROWS * len(depths)
-        cut[first[edge], np.flatnonzero(edge)] = True
+        begins = min(int(valid.any(axis=1).argmax()), BLANK_ROWS * len(depths))
         taken = np.flatnonzero(valid)
         rays = table[taken] @ level_from_camera.rotation.T.astype(np.float32)
         seen = depths.ravel()[taken]
         points = rays * seen[:, None]
         points += level_from_camera.translation.astype(np.float32)
-        return _Cloud(points, seen, cut.ravel()[taken])
+        return _Cloud(points, seen, stride * (begins + EDGE_ROWS * len(depths)))
 
     def _table(self, camera: Camera) -> Tuple[int, np.ndarray]:
         """Which rows and columns are looked at, and the points (N, 3) at depth 1 that these pixels see."""
@@ -219,8 +218,8 @@ class RgbdCue(Cue):
             return np.zeros((0, 3))
         points = cloud.points[rows]
         highest, owners = height_map(points, heights[rows], config.cell, config.max_range)
-        # What is taller than people, or goes on beyond the image, is no top, nor is what the noise tears off it.
-        endless = (highest > high) | (cloud.cut[rows][owners] & (highest > 0.0))
+        # What is taller than people is no top, nor is what the noise tears off it.
+        endless = highest > high
         highest[binary_dilation(endless, np.ones((3, 3), dtype=bool))] = 0.0
         radius = max(round(0.5 * config.head_distance / config.cell), 1)
         found = owners[local_maxima(highest, low, radius)]
@@ -263,16 +262,17 @@ class RgbdCue(Cue):
                 kept.append(row)
         return np.array(kept, dtype=int)
 
-    def _bodies(self, found: UpperBodies, floor: Floor) -> Bodies:
+    def _bodies(self, found: UpperBodies, floor: Floor, lost_std: np.ndarray) -> Bodies:
         """How high they are, and whether they sit, as far as that tells: a child that stands is no higher."""
         heights = floor.heights(found.tops)
-        stds = np.sqrt(HEAD_STDS[2] ** 2 + floor.variances(found.tops))
+        stds = np.sqrt(HEAD_STDS[2] ** 2 + floor.variances(found.tops) + lost_std**2)
         return Bodies(heights, stds, ndtr((SITTING_HEIGHT - heights) / np.hypot(SITTING_SPREAD, stds)))
 
     def _heads(
-        self, found: UpperBodies, floor: Floor, camera: Camera, level_from_camera: Pose
+        self, found: UpperBodies, floor: Floor, camera: Camera, level_from_camera: Pose, lost_std: np.ndarray
     ) -> Tuple[np.ndarray, np.ndarray]:
-        """Positions (N, 3) and covariances (N, 3, 3) in the camera's frame."""
+        """Positions (N, 3) and covariances (N, 3, 3) in the camera's frame; `lost_std` (N,) of what the image's edge
+        cuts off, metres."""
         rotation = level_from_camera.rotation
         arms = found.middles - level_from_camera.translation
         distances = np.linalg.norm(arms, axis=1)
@@ -294,7 +294,7 @@ class RgbdCue(Cue):
             [
                 depth_std**2 + HEAD_STDS[0] ** 2,
                 edge_std**2 + HEAD_STDS[1] ** 2,
-                edge_std**2 + HEAD_STDS[2] ** 2 + lifts**2,
+                edge_std**2 + HEAD_STDS[2] ** 2 + lifts**2 + lost_std**2,
             ]
         )
         axes = np.stack([along, across, up], axis=1) @ rotation

@@ -41,8 +41,8 @@ _MIDDLE = len(_ACROSS) // 2
 # What each sample says for the part, by BODY, BEHIND, BEFORE, UNKNOWN, OUTSIDE.
 _FILLED = np.array([1.0, 0.0, 0.4, 0.5, 0.3], dtype=np.float32)
 _FILLED_OR_HIDDEN = np.array([1.0, 0.0, 0.8, 0.4, 0.5], dtype=np.float32)
-_FREE = np.array([0.0, 1.0, 0.4, 0.8, 0.35], dtype=np.float32)
-_FREE_ABOVE = np.array([0.0, 1.0, 0.4, 1.0, 0.5], dtype=np.float32)
+_FREE = np.array([0.0, 1.0, 0.4, 0.8, 0.7], dtype=np.float32)
+_FREE_ABOVE = np.array([0.0, 1.0, 0.4, 1.0, 0.8], dtype=np.float32)
 _NOT_SEEN_THROUGH = np.array([1.0, 0.0, 1.0, 0.8, 0.8], dtype=np.float32)
 
 _FINE_DOWN = np.arange(-12, 11) * 0.01
@@ -65,6 +65,11 @@ class View(NamedTuple):
     image: DepthImage
     sensor: DepthSensor
     level_from_camera: Pose
+
+    def pixels(self, points: np.ndarray) -> np.ndarray:
+        """(N, 2) column and row of points (N, 3) of level axes."""
+        rotation, origin = self.level_from_camera.rotation, self.level_from_camera.translation
+        return self.image.camera.project((points - origin) @ rotation)
 
     def look(self, points: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         """Codes (...) of points (..., 3) of level axes, and how far behind them (...) the image sees, metres."""
