@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-COMPRESSED = "/compressed"
+COMPRESSED, COMPRESSED_DEPTH = "/compressed", "/compressedDepth"
 
 
 def without_transport(topic: str) -> str:
     """Base topic of an image transport's."""
-    return topic[: -len(COMPRESSED)] if topic.endswith(COMPRESSED) else topic
+    for transport in (COMPRESSED, COMPRESSED_DEPTH):
+        if topic.endswith(transport):
+            return topic[: -len(transport)]
+    return topic
 
 
 def camera_info_of(topic: str) -> str:

@@ -25,6 +25,7 @@ from people_fusion.tracking.fusion import FusionConfig
 IMAGE_BUFFER = 1 << 25  # bytes; rospy lags where an image does not fit
 BUSY = "images skipped: the cues are busy"
 UNCALIBRATED = "image before its camera_info"
+UNSTAMPED = "image without a stamp or a frame"
 
 
 class _Arrived(NamedTuple):
@@ -114,6 +115,8 @@ class CameraCues(Cues):
         def on_image(message: Any) -> None:
             self.node.diagnostics.heard(topic)
             stamp_ns, frame_id = stamp_from_msg(message.header.stamp), message.header.frame_id
+            if stamp_ns == 0 or not frame_id:
+                raise DataError(UNSTAMPED)
             for cue in self._by_topic[topic]:
                 self.node.timeline.require(cue.name, stamp_ns)
             with self._changed:

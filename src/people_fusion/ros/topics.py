@@ -16,7 +16,8 @@ ANNOUNCEMENTS = "people_fusion/announcements"  # people_fusion/MeasurementAnnoun
 DETECTIONS = "people_fusion/detections"  # people_fusion/DetectedPersons of every cue
 HEAD_SCORES = "people_fusion/head_scores"  # people_fusion/HeadScores of head cues, if the preset's tracker takes them
 DETECTION_MARKERS = "people_fusion/detection_markers"  # visualization_msgs/MarkerArray
-DEBUG = "people_fusion/debug"  # and the name of a head cue: sensor_msgs/Image with what it did
+DEBUG = "people_fusion/debug"  # and the name of a cue of images: sensor_msgs/Image with what it did
+DEBUG_POINTS = "points"  # beneath that of an RGB-D cue: sensor_msgs/PointCloud2
 
 # From the tracker.
 TRACKS = "people_fusion/tracks"  # people_fusion/TrackedPersons
