@@ -14,6 +14,7 @@ from people_fusion.ros.head_cue_node import HeadCueSettings
 from people_fusion.ros.leg_cue_node import LegCueSettings
 from people_fusion.ros.node import read_parameters
 from people_fusion.ros.people_tracker_node import PeopleTrackerSettings
+from people_fusion.ros.rgbd_cue_node import RgbdCueSettings
 from people_fusion.simulation.scenario import load_scenario
 from people_fusion.tracking.fusion import load_config
 
@@ -48,14 +49,27 @@ LAUNCHES: Dict[str, List[str]] = {
         "/head_cue",
         "/people_fusion",
     ],
+    "people_fusion.launch depths:=[/kinect/depth_registered/image_raw] colours:=[/kinect/rgb/image_raw]": [
+        "/leg_cue_front",
+        "/people_tracker",
+        "/rgbd_cue",
+    ],
+    "people_fusion.launch clouds:=[/kinect/points] composed:=true": ["/people_fusion", "/rgbd_cue"],
+    "scitos.launch depths:=[/head_xtion/depth/image_rect]": ["/people_fusion", "/rgbd_cue"],
     "scitos.launch": ["/people_fusion"],
     "scitos.launch preset:=volkhardt compatible:=strands composed:=false": ["/leg_cue_front", "/people_tracker"],
     f"replay.launch {BAG}": ["/leg_cue_front", "/leg_cue_rear", "/people_tracker", "/player", "/rviz"],
     f"replay.launch {BAG} rviz:=false loop:=true composed:=true": ["/people_fusion", "/player"],
+    f"replay.launch {BAG} rviz:=false composed:=true depths:=[/kinect/depth_registered/image_raw/compressedDepth]": [
+        "/people_fusion",
+        "/player",
+        "/rgbd_cue",
+    ],
 }
 
 SETTINGS = {
     "/head_cue": HeadCueSettings,
+    "/rgbd_cue": RgbdCueSettings,
     "/leg_cue_front": LegCueSettings,
     "/leg_cue_rear": LegCueSettings,
     "/people_tracker": PeopleTrackerSettings,
@@ -140,7 +154,9 @@ def test_scenario_loads(path: Path) -> None:
 def displays(entry: object) -> List[dict]:
     """All displays of an rviz file, those in groups too."""
     if isinstance(entry, dict):
-        return ([entry] if "Topic" in entry or "Marker Topic" in entry else []) + displays(list(entry.values()))
+        return ([entry] if {"Topic", "Marker Topic", "Image Topic"} & set(entry) else []) + displays(
+            list(entry.values())
+        )
     if isinstance(entry, list):
         return [display for item in entry for display in displays(item)]
     return []
@@ -152,3 +168,5 @@ def test_rviz_file_shows_what_the_nodes_publish() -> None:
     assert {"/map", "/scan_front", "/scan_rear"} <= topics
     markers = ("markers", "detection_markers", "leg_markers", "particle_markers")
     assert {f"/people_fusion/{name}" for name in markers} <= topics
+    cue = "/people_fusion/debug/kinect/depth_registered/image_raw/people"
+    assert {display.get("Image Topic") for display in shown} >= {cue} and f"{cue}/points" in topics

@@ -40,5 +40,6 @@ def test_driver_that_is_not_calibrated_describes_no_camera(changes):
 def test_topics_tell_transport_and_rectification():
     assert without_transport("/head/rgb/image_raw/compressed") == "/head/rgb/image_raw"
     assert camera_info_of("/head/rgb/image_raw/compressed") == "/head/rgb/camera_info"
+    assert without_transport("/kinect/depth/image_rect/compressedDepth") == "/kinect/depth/image_rect"
     assert camera_info_of("image_raw") == "camera_info"
     assert is_rectified("/head/rgb/image_rect_color/compressed") and not is_rectified("/head/rgb/image_raw")

@@ -18,9 +18,11 @@ from people_fusion.core.tracks import Tracks
 from people_fusion.ros import adapters
 from people_fusion.ros.composed_node import ComposedSettings
 from people_fusion.ros.diagnostics import ERROR, OK, WARN, judge
+from people_fusion.ros.head_cue_node import HeadCueSettings
 from people_fusion.ros.leg_cue_node import LegCueSettings
 from people_fusion.ros.node import read_parameters
 from people_fusion.ros.people_tracker_node import PeopleTracker, PeopleTrackerSettings, delay_facts
+from people_fusion.ros.rgbd_cue_node import RgbdCueSettings
 from people_fusion.ros.transforms import Missing
 from people_fusion.tracking.fusion import FusionConfig
 
@@ -35,7 +37,9 @@ def test_own_parameters_and_preset_are_told_apart() -> None:
     assert config.frames.world == "hall"
 
 
-@pytest.mark.parametrize("settings", [LegCueSettings, PeopleTrackerSettings, ComposedSettings])
+@pytest.mark.parametrize(
+    "settings", [LegCueSettings, PeopleTrackerSettings, ComposedSettings, HeadCueSettings, RgbdCueSettings]
+)
 def test_own_parameters_hide_none_of_the_preset(settings: Any) -> None:
     own = {field.name for field in dataclasses.fields(settings)}
     assert not own & {field.name for field in dataclasses.fields(FusionConfig)}
@@ -48,6 +52,11 @@ def test_own_parameters_hide_none_of_the_preset(settings: Any) -> None:
         (LegCueSettings, {"scans": []}, "scans"),
         (LegCueSettings, {"scans": ["a", "a"]}, "scans"),
         (LegCueSettings, {"compatible": "strands"}, "/node/compatible"),
+        (RgbdCueSettings, {}, "depths, clouds"),
+        (RgbdCueSettings, {"depths": ["a"], "clouds": ["a"]}, "depths, clouds"),
+        (RgbdCueSettings, {"depths": ["a", "b"], "colours": ["c"]}, "colours"),
+        (RgbdCueSettings, {"depths": ["a"], "camera_infos": ["c", "d"]}, "camera_infos"),
+        (RgbdCueSettings, {"depths": ["a"], "colour_tolerance_s": -1.0}, "/node/colour_tolerance_s"),
         (PeopleTrackerSettings, {"compatible": "ros2"}, "/node/compatible"),
         (PeopleTrackerSettings, {"tracker": {"type": "kalman", "gate": -1.0}}, "/node/tracker/gate"),
         (PeopleTrackerSettings, [], "/node"),
@@ -157,4 +166,3 @@ def test_spencer_messages_are_plain_copies() -> None:
 
 def test_adapters_stay_away_where_their_packages_are_not_installed() -> None:
     assert adapters._messages("surely_not_installed_msgs") is None
-
