@@ -92,8 +92,8 @@ def recorded(path, write, duration_s=4.0):
     return path
 
 
-def run(path, panoramas=("panorama",), detector="white"):
-    head = {"type": "heads", "detector": {"type": detector}}
+def run(path, panoramas=("panorama",), detector="white", scans=False):
+    head = {"type": "heads", "detector": {"type": detector}, "ranges": {"scans": scans}}
     described = {frame: {} for frame in panoramas}
     config = load_config(None, {"head_cues": {"head": head}, "panoramas": described})
     measurements = []
@@ -163,3 +163,15 @@ def test_who_cannot_see_while_driving_says_nothing_and_is_not_waited_for(tmp_pat
     session, _, found = run(path, detector="resting")
     assert not found and session.counters()["images without a look"] == session.counters()["images"] == 20
     assert session.processed == session.scans
+
+
+def test_scans_tell_how_far_away_heads_are(tmp_path):
+    path = recorded(tmp_path / "a.bag", lambda bag, s: compressed(bag, s, picture(s)), 2.0)
+    (alone, _, by_size), (session, _, by_legs) = (run(path, scans=scans) for scans in (False, True))
+    assert session.counters() == alone.counters()
+    for step, (size, legs) in enumerate(zip(by_size, by_legs)):
+        place = np.add(person_at(step * PERIOD_S), LASER_AT[:2])
+        ahead = np.append(place, 0.0) / np.hypot(*place)
+        stds = [np.sqrt(ahead @ each.covariances[0] @ ahead) for each in (size, legs)]
+        assert stds[1] < 0.6 * stds[0]
+        assert np.hypot(*(legs.positions[0, :2] - place)) < 0.1

@@ -13,7 +13,7 @@ import rospy
 import rostest
 from geometry_msgs.msg import TransformStamped
 from graph import DiagnosticListener, wait_for_subscribers, wait_until
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import CompressedImage, Image, LaserScan
 from tf2_msgs.msg import TFMessage
 
 from people_fusion.core.stamps import to_seconds
@@ -102,6 +102,19 @@ class HeadCue(unittest.TestCase):
         wait_until(lambda: looks, "the debug image")
         self.assertEqual((looks[0].height, looks[0].width, looks[0].encoding), (*SHAPE[:2], "bgr8"))
         listener.unregister()
+
+    def test_scans_that_tell_distances_are_taken_and_bad_ones_counted(self) -> None:
+        scans = rospy.Publisher("scan_front", LaserScan, queue_size=10)
+        wait_until(lambda: scans.get_num_connections() > 0, "the subscriber of scans")
+        without_beams = LaserScan(angle_increment=0.01, range_max=30.0)
+        without_beams.header = self.image().header
+        good = LaserScan(header=without_beams.header, angle_increment=0.01, range_max=30.0, ranges=[2.0] * 300)
+        seen = len(self.detected)
+        for scan in (good, without_beams):
+            scans.publish(scan)
+        wait_until(lambda: self.lost("scan without beams") == 1, "the count")
+        self.raw.publish(self.image())
+        wait_until(lambda: len(self.detected) > seen, "the next image")
 
     def test_whether_the_native_kernel_is_there_is_told(self) -> None:
         wait_until(lambda: self.diagnostics.value(NODE, "native kernel") == str(is_native()), "the fact")

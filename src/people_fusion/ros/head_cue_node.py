@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Dict, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import rospy
 from rospy.numpy_msg import numpy_msg
-from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import CompressedImage, LaserScan
 from sensor_msgs.msg import Image as ImageMsg
 
 from people_fusion.core.camera_models import Panorama
@@ -18,6 +18,8 @@ from people_fusion.core.head_scores import NO_SCORES
 from people_fusion.core.image_topics import camera_info_of, is_rectified, without_transport
 from people_fusion.core.images import Image
 from people_fusion.core.measurements import Measurement
+from people_fusion.core.scans import Scan
+from people_fusion.cues.cue import Cue
 from people_fusion.cues.heads.detectors.fhog_head import FhogHeadConfig
 from people_fusion.cues.heads.drawing import annotated
 from people_fusion.cues.heads.heads import HeadCue
@@ -25,10 +27,11 @@ from people_fusion.cues.heads.native import is_native
 from people_fusion.msg import HeadScores, TrackedPersons
 from people_fusion.ros import topics
 from people_fusion.ros.camera_cues import UNCALIBRATED, CameraCues
-from people_fusion.ros.conversions import frame_from_msg, tracks_from_msg
+from people_fusion.ros.conversions import frame_from_msg, scan_from_msg, tracks_from_msg
 from people_fusion.ros.cues import Waiting
 from people_fusion.ros.head_scores import scores_to_msg
 from people_fusion.ros.images import image_from_msg, image_to_msg
+from people_fusion.ros.leg_cue_node import SCAN_BUFFER, SCAN_QUEUE
 from people_fusion.ros.node import Node, run
 from people_fusion.tracking.fusion import FusionConfig
 from people_fusion.tracking.tracker import TRACKERS
@@ -44,6 +47,7 @@ class HeadCueSettings:
         (topics.IMAGE,), "topics of the cameras; compressed where they end so, rectified where image_rect is in them"
     )
     camera_infos: Tuple[str, ...] = parameter((), "their camera_info, in the same order; empty: beside the images")
+    scans: Tuple[str, ...] = parameter((topics.SCAN,), "topics of the scanners, for head cues with `ranges/scans`")
 
     def __post_init__(self) -> None:
         if not self.images or len(set(self.images)) < len(self.images):
@@ -67,6 +71,9 @@ class HeadCues(CameraCues):
             self._look_at(topic, CompressedImage if topic != base else ImageMsg, base, config.head_cues)
         if any(getattr(cue, "full_every", 1) != 1 for cue in config.head_cues.values()):
             node.subscribe(topics.HYPOTHESES, TrackedPersons, self._on_tracks, 1)
+        noting = [cue for cue in self.cues.values() if Scan in cue.notes]
+        for topic in settings.scans if noting else ():
+            node.subscribe(topic, numpy_msg(LaserScan), self._on_scan(topic, noting), SCAN_QUEUE, SCAN_BUFFER)
         node.diagnostics.add_facts(lambda: {"native kernel": is_native()})
         detectors = [getattr(each, "detector", None) for each in config.head_cues.values()]
         if not is_native() and any(isinstance(each, FhogHeadConfig) for each in detectors):
@@ -82,6 +89,15 @@ class HeadCues(CameraCues):
         tracks = tracks_from_msg(message)
         for cue in self.cues.values():
             cue.set_tracks(tracks)
+
+    def _on_scan(self, topic: str, cues: List[Cue]) -> Callable[[Any], None]:
+        def on_scan(message: Any) -> None:
+            scan = scan_from_msg(message)
+            self.node.timeline.require(f"scans of {topic}", scan.stamp_ns, witness=False)
+            for cue in cues:
+                cue.note(scan)
+
+        return on_scan
 
     def read(self, topic: str, message: Any) -> Image:
         """See CameraCues."""
