@@ -167,7 +167,8 @@ class RgbdCues(CameraCues):
             return None
         message = colours.at(image.stamp_ns)
         if message is None:
-            self._counts[NO_COLOUR] += is_needed
+            if is_needed:
+                self._counts[NO_COLOUR] += 1
             return None
         try:
             return _fitting(pixels_from_msg(message), frame_from_msg(message.header.frame_id), image)
