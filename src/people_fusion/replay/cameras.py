@@ -1,14 +1,15 @@
-"""Which images of a recording the head cues work on."""
+"""Which images of a recording the head cues and the RGB-D cues work on."""
 
 from __future__ import annotations
 
-from typing import Dict, FrozenSet, List, NamedTuple, Optional, Tuple
+from typing import Any, Dict, FrozenSet, List, NamedTuple, Optional, Tuple
 
-from people_fusion.core.image_topics import camera_info_of, without_transport
+from people_fusion.core.image_topics import COMPRESSED_DEPTH, camera_info_of, without_transport
 from people_fusion.core.transforms import normalise_frame
 from people_fusion.replay.recording import Recording, Topic
 
 DEPTHS = ("16UC1", "32FC1", "16uc1", "32fc1")
+REGISTERED = {"depth_registered": "depth", "aligned_depth_to_color": "depth"}  # what else drivers call the same depths
 PREFERRED = ("image_rect_color", "image_rect", "image_color", "image_raw", "image_mono")
 
 
@@ -26,6 +27,24 @@ class CameraSource(NamedTuple):
     image: Topic
     info: Optional[Topic]
     frame_id: str
+
+
+class DepthSource(NamedTuple):
+    """A depth camera of a recording.
+
+    Attributes:
+        name: topic of its images, without the transport.
+        image: as recorded.
+        info: its CameraInfo.
+        frame_id: of the images.
+        colour: images of the same frame, or None.
+    """
+
+    name: str
+    image: Topic
+    info: Topic
+    frame_id: str
+    colour: Optional[Topic]
 
 
 def find_cameras(
@@ -47,7 +66,7 @@ def find_cameras(
         frame_id = normalise_frame(first.header.frame_id)
         name = without_transport(topic.name)
         info = infos.get(camera_info_of(topic.name))
-        if topic.name.endswith("/compressedDepth") or getattr(first, "encoding", "") in DEPTHS:
+        if _is_depth(topic, first):
             continue
         if frame_id in found:
             notes.append(f"images {topic.name} are left out: they are of the camera of {found[frame_id].image.name}")
@@ -58,6 +77,45 @@ def find_cameras(
         else:
             found[frame_id] = CameraSource(name, topic, None if frame_id in described else info, frame_id)
     return sorted(found.values()), notes
+
+
+def find_depth_cameras(recording: Recording, connected: FrozenSet[str]) -> Tuple[List[DepthSource], List[str]]:
+    """One stream of depth images per sensor, in order of names, and notes on those that are left out; see find_cameras.
+
+    Of a sensor's streams a registered one is taken first, as colour belongs to it, then one that is not compressed.
+    """
+    infos = {topic.name: topic for topic in recording.of_kind("CameraInfo")}
+    found: Dict[str, DepthSource] = {}
+    colours: Dict[str, Topic] = {}
+    notes: List[str] = []
+    topics = recording.of_kind("Image", "CompressedImage")
+    for topic in sorted(topics, key=lambda each: (_sensor(each)[1], *_rank(each), each.name)):
+        first = next(iter(recording.messages([topic]))).read()
+        frame_id = normalise_frame(first.header.frame_id)
+        info = infos.get(camera_info_of(topic.name))
+        sensor = _sensor(topic)[0]
+        if not _is_depth(topic, first):
+            colours.setdefault(frame_id, topic)
+        elif sensor in found:
+            notes.append(f"depths {topic.name} are left out: they are of the camera of {found[sensor].image.name}")
+        elif info is None:
+            notes.append(f"depths {topic.name} are left out: there is no camera_info beside them")
+        elif frame_id not in connected:
+            notes.append(f"depths {topic.name} are left out: no transform connects {frame_id}")
+        else:
+            found[sensor] = DepthSource(without_transport(topic.name), topic, info, frame_id, None)
+    return [each._replace(colour=colours.get(each.frame_id)) for each in sorted(found.values())], notes
+
+
+def _is_depth(topic: Topic, first: Any) -> bool:
+    """Whether the first message of a topic, and so all of them, is a depth image."""
+    return topic.name.endswith(COMPRESSED_DEPTH) or getattr(first, "encoding", "") in DEPTHS
+
+
+def _sensor(topic: Topic) -> Tuple[str, bool]:
+    """What a sensor's streams of depth have in common, and whether this one is not brought to the colour's pixels."""
+    names = camera_info_of(topic.name).split("/")[:-1]
+    return "/".join(REGISTERED.get(name, name) for name in names), not set(names) & set(REGISTERED)
 
 
 def _rank(topic: Topic) -> Tuple[int, int]:

@@ -8,11 +8,12 @@ import numpy as np
 
 from people_fusion.core.camera_info import camera_of
 from people_fusion.core.cameras import Camera
+from people_fusion.core.depth_images import DepthImage
 from people_fusion.core.errors import DataError
 from people_fusion.core.grids import OccupancyGrid
 from people_fusion.core.images import Image
 from people_fusion.core.measurements import Announcement, Measurement
-from people_fusion.core.pixels import compressed_pixels, raw_pixels
+from people_fusion.core.pixels import compressed_depths, compressed_pixels, raw_depths, raw_pixels
 from people_fusion.core.poses import Pose, UncertainPose
 from people_fusion.core.scans import Scan
 from people_fusion.core.stamps import join
@@ -81,16 +82,45 @@ def image(message: Any, model: Camera) -> Image:
     Raises:
         DataError: it has no stamp, cannot be read, or is not of the camera's size.
     """
+    stamp_ns = _stamp_of_image(message)
+    shown = pixels(message)
+    height, width = shown.shape[:2]
+    return Image(stamp_ns, normalise_frame(message.header.frame_id), shown, model.resized(width, height))
+
+
+def pixels(message: Any) -> np.ndarray:
+    """(H, W) grey or (H, W, 3) blue, green, red, uint8, of a sensor_msgs/Image or CompressedImage.
+
+    Raises:
+        DataError: it cannot be read.
+    """
+    if hasattr(message, "encoding"):
+        shape = message.height, message.width, message.step
+        return raw_pixels(*shape, message.encoding, bool(message.is_bigendian), message.data)
+    return compressed_pixels(message.data)
+
+
+def depth_image(message: Any, model: Camera) -> DepthImage:
+    """Depth image of a sensor_msgs/Image or CompressedImage.
+
+    Raises:
+        DataError: it has no stamp, cannot be read, or is not of the camera's size.
+    """
+    stamp_ns = _stamp_of_image(message)
+    if hasattr(message, "encoding"):
+        shape = message.height, message.width, message.step
+        depths = raw_depths(*shape, message.encoding, bool(message.is_bigendian), message.data)
+    else:
+        depths = compressed_depths(message.format, message.data)
+    height, width = depths.shape
+    return DepthImage(stamp_ns, normalise_frame(message.header.frame_id), depths, model.resized(width, height))
+
+
+def _stamp_of_image(message: Any) -> int:
     stamp_ns = stamp(message.header)
     if stamp_ns == 0:
         raise DataError("image without stamp")
-    if hasattr(message, "encoding"):
-        shape = message.height, message.width, message.step
-        pixels = raw_pixels(*shape, message.encoding, bool(message.is_bigendian), message.data)
-    else:
-        pixels = compressed_pixels(message.data)
-    height, width = pixels.shape[:2]
-    return Image(stamp_ns, normalise_frame(message.header.frame_id), pixels, model.resized(width, height))
+    return stamp_ns
 
 
 def links(message: Any) -> Iterator[Link]:

@@ -13,7 +13,7 @@ import numpy as np
 from people_fusion.core.errors import RecordingError
 from people_fusion.core.stamps import from_seconds, to_seconds
 from people_fusion.core.transforms import FramesConfig, normalise_frame
-from people_fusion.replay.cameras import CameraSource, find_cameras
+from people_fusion.replay.cameras import CameraSource, DepthSource, find_cameras, find_depth_cameras
 from people_fusion.replay.conversions import links, odometry_link, stamp
 from people_fusion.replay.recording import Recording, Topic
 
@@ -39,6 +39,7 @@ class Sources:
         map: of the world, or None.
         ground_truth: annotated people, or None.
         cameras: whose images head cues work on.
+        depth_cameras: whose images RGB-D cues work on.
         announcements, detections: topics of cues that were recorded, beside those that work on the scans.
         frames: world, odometry and base of this recording; `odom` is empty where there is none.
         links: (parent, child) of the transforms between these frames and the scanners.
@@ -59,6 +60,7 @@ class Sources:
     announcements: Tuple[Topic, ...] = ()
     detections: Tuple[Topic, ...] = ()
     cameras: Tuple[CameraSource, ...] = ()
+    depth_cameras: Tuple[DepthSource, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,7 @@ def discover(
     ground_truth: Optional[str] = None,
     odometry: Optional[str] = None,
     images: bool = False,
+    depths: bool = False,
     described: FrozenSet[str] = frozenset(),
 ) -> Sources:
     """Find what a replay needs.
@@ -96,6 +99,7 @@ def discover(
         ground_truth: topic of annotated people; None: found by name and type.
         odometry: topic that stands in for a transform odom to base that tf lacks; None: found by type, "": none.
         images: whether cameras are wanted.
+        depths: whether depth cameras are.
         described: frames of cameras that need no CameraInfo.
 
     Raises:
@@ -112,7 +116,9 @@ def discover(
     carried = {scanner.frame_id for scanner in chosen}
     on_robot = frozenset(name for name in parents if _ancestors(name, parents)[-1] == chain[-1])
     cameras, camera_notes = find_cameras(recording, on_robot, described) if images else ([], [])
+    depth_cameras, depth_notes = find_depth_cameras(recording, on_robot) if depths else ([], [])
     carried.update(camera.frame_id for camera in cameras)
+    carried.update(camera.frame_id for camera in depth_cameras)
     if detections:
         carried.update(on_robot)
     needed: Dict[str, List[str]] = {name: _ancestors(name, parents) for name in carried}
@@ -126,6 +132,8 @@ def discover(
         *notes,
         *(f"images {camera.image.name} of {camera.frame_id}" for camera in cameras),
         *camera_notes,
+        *(f"depths {camera.image.name} of {camera.frame_id}" for camera in depth_cameras),
+        *depth_notes,
         *(f"detections {topic.name}, but of cues that work on these scans" for topic in detections),
         *odometry_notes,
         f"frames: world {found.world}, odometry {found.odom or 'none'}, base {found.base}",
@@ -149,6 +157,7 @@ def discover(
         announcements=tuple(recording.of_kind("MeasurementAnnouncement")) if detections else (),
         detections=tuple(detections),
         cameras=tuple(cameras),
+        depth_cameras=tuple(depth_cameras),
     )
 
 

@@ -94,6 +94,7 @@ def sources_of(recording: Recording, config: FusionConfig, selection: Selection)
         selection.ground_truth,
         selection.odometry,
         images=bool(config.head_cues),
+        depths=bool(config.rgbd_cues),
         described=frozenset(config.panoramas),
     )
 

@@ -4,13 +4,27 @@ from __future__ import annotations
 
 import dataclasses
 import heapq
-from collections import Counter
+from collections import Counter, defaultdict
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import (
+    Any,
+    Callable,
+    DefaultDict,
+    Dict,
+    Iterable,
+    List,
+    Mapping,
+    NamedTuple,
+    Optional,
+    Sequence,
+    Tuple,
+    Union,
+)
 
 from people_fusion.core.camera_models import Panorama
 from people_fusion.core.cameras import Camera
+from people_fusion.core.depth_images import DepthImage
 from people_fusion.core.errors import ConfigError, DataError, NotLooked, TransformUnavailable
 from people_fusion.core.grids import OccupancyGrid
 from people_fusion.core.image_topics import is_rectified
@@ -23,13 +37,14 @@ from people_fusion.core.transforms import TransformTree
 from people_fusion.core.waiting import WaitingRoom, transforms_ready
 from people_fusion.cues.cue import CUES, Cue, TransformRequest
 from people_fusion.replay import conversions
-from people_fusion.replay.cameras import CameraSource
+from people_fusion.replay.cameras import CameraSource, DepthSource
+from people_fusion.replay.depths import DepthCamera
 from people_fusion.replay.discovery import Sources
 from people_fusion.replay.recording import RecordedMessage, Recording, Topic
 from people_fusion.tracking.fusion import Fusion, FusionConfig
 
 AFTERWARDS_NS = 10**18
-SCANS, IMAGES, RECORDED = "scans", "images", "recorded measurements"
+SCANS, IMAGES, DEPTHS, RECORDED = "scans", "images", "depth images", "recorded measurements"
 TRACKER = "tracker"
 
 
@@ -123,33 +138,36 @@ class Session:
         self._lead_s = config.transforms.history_s
         self._cues: List[Cue] = []
         self._models: Dict[str, Camera] = {}  # of cameras, by frame
-        self._feeders: Dict[str, Callable[[Any], None]] = {}
+        self._depth_cameras: Dict[str, DepthCamera] = {}  # by cue
+        self._feeders: DefaultDict[str, List[Callable[[Any], None]]] = defaultdict(list)
         for topic in sources.transforms:
-            self._feeders[topic.name] = partial(self._feed_links, is_static=_is_static(topic))
+            self._feeders[topic.name].append(partial(self._feed_links, is_static=_is_static(topic)))
         if sources.odometry:
-            self._feeders[sources.odometry.name] = self._feed_odometry
+            self._feeders[sources.odometry.name].append(self._feed_odometry)
         for topic in sources.scans:
             cue = make_cue(topic.name) if make_cue else build_cue(config, topic.name)
             self._cues.append(cue)
-            self._feeders[topic.name] = partial(self._feed_scan, cue)
+            self._feeders[topic.name].append(partial(self._feed_scan, cue))
         if sources.localisation:
-            self._feeders[sources.localisation.name] = self._feed_localisation
+            self._feeders[sources.localisation.name].append(self._feed_localisation)
         if sources.map:
-            self._feeders[sources.map.name] = self._feed_map
+            self._feeders[sources.map.name].append(self._feed_map)
         for camera in sources.cameras:
             looks = [build_head_cue(config, key, camera.name) for key in config.head_cues]
             for cue in looks:
                 cue.set_scores(self.fusion.scores)
             self._cues += looks
-            self._feeders[camera.image.name] = partial(self._feed_image, camera, looks)
+            self._feeders[camera.image.name].append(partial(self._feed_image, camera, looks))
             if camera.info is not None:
-                self._feeders[camera.info.name] = partial(self._feed_camera, camera)
+                self._feeders[camera.info.name].append(partial(self._feed_camera, camera))
             elif camera.frame_id in config.panoramas:
                 self._models[camera.frame_id] = Panorama(config.panoramas[camera.frame_id])
+        for depths in sources.depth_cameras:
+            self._take_depths(config, depths)
         for topic in sources.announcements:
-            self._feeders[topic.name] = self._feed_announcement
+            self._feeders[topic.name].append(self._feed_announcement)
         for topic in sources.detections:
-            self._feeders[topic.name] = self._feed_detections
+            self._feeders[topic.name].append(self._feed_detections)
         self._own = {cue.name for cue in self._cues}
         for name in self._processing_ns:
             if name not in self._own:
@@ -187,7 +205,9 @@ class Session:
         cues = [*sources.scans, *sources.announcements, *sources.detections]
         for camera in sources.cameras:
             cues += [camera.info, camera.image] if camera.info else [camera.image]
-        for recorded in recording.messages([*latched, *flowing, *cues], start_s, duration_s):
+        for depths in sources.depth_cameras:
+            cues += [depths.info, depths.image] + ([depths.colour] if depths.colour else [])
+        for recorded in recording.messages(list(dict.fromkeys([*latched, *flowing, *cues])), start_s, duration_s):
             self.feed(recorded)
         self.finish()
 
@@ -195,10 +215,12 @@ class Session:
         """Take one message; messages come in order of arrival."""
         self._arrival_ns = recorded.arrival_ns
         self._wake_until(recorded.arrival_ns - self._offset_ns)
-        try:
-            self._feeders[recorded.topic](recorded.read())
-        except DataError as error:
-            self._counts[error.reason] += 1
+        message = recorded.read()
+        for feeder in self._feeders[recorded.topic]:
+            try:
+                feeder(message)
+            except DataError as error:
+                self._counts[error.reason] += 1
         if len(self._waiting):
             self._serve(self._now_ns)
 
@@ -276,7 +298,31 @@ class Session:
             if cue.wants(image.stamp_ns):
                 self._feed_cue(cue, image, IMAGES)
 
-    def _feed_cue(self, cue: Cue, data: Union[Scan, Image], kind: str) -> None:
+    def _take_depths(self, config: FusionConfig, source: DepthSource) -> None:
+        """Cues of a depth camera, and where their messages go."""
+        camera = DepthCamera(source)
+        cues = [build_rgbd_cue(config, key, source.name) for key in config.rgbd_cues]
+        self._cues += cues
+        self._depth_cameras.update({cue.name: camera for cue in cues})
+        self._feeders[source.info.name].append(camera.calibrate)
+        self._feeders[source.image.name].append(partial(self._feed_depths, camera, cues))
+        if source.colour is not None and any(getattr(each, "colour", False) for each in config.rgbd_cues.values()):
+            self._feeders[source.colour.name].append(camera.keep_colour)
+
+    def _feed_depths(self, camera: DepthCamera, cues: Sequence[Cue], message: Any) -> None:
+        self._counts[DEPTHS] += 1
+        image = camera.image(message)
+        for cue in cues:
+            self._feed_cue(cue, image, DEPTHS)
+
+    def _coloured(self, cue: Cue, image: DepthImage) -> DepthImage:
+        try:
+            return self._depth_cameras[cue.name].coloured(image)
+        except DataError as error:
+            self._counts[error.reason] += 1
+            return image
+
+    def _feed_cue(self, cue: Cue, data: Union[Scan, Image, DepthImage], kind: str) -> None:
         self._timeline.require(cue.name, data.stamp_ns)
         newest_ns = self._timeline.newest_ns(cue.name)
         self._wake_until(newest_ns)  # the bag's clock may be slower than the stamps
@@ -292,9 +338,11 @@ class Session:
         waiting = _Waiting(announcement, newest_first, partial(self._measure, cue, data), kind)
         self._waiting.push(cue.name, data.stamp_ns, waiting, self._now_ns)
 
-    def _measure(self, cue: Cue, data: Union[Scan, Image]) -> Measurement:
+    def _measure(self, cue: Cue, data: Union[Scan, Image, DepthImage]) -> Measurement:
         if cue.takes is Image:
             cue.set_tracks(self.fusion.tracks())
+        if isinstance(data, DepthImage):
+            data = self._coloured(cue, data)
         return cue.measure(data, self.transforms if self._sources.links else None)
 
     def _feed_announcement(self, message: Any) -> None:
@@ -325,6 +373,8 @@ class Session:
         self.fusion.reset()
         for cue in self._cues:
             cue.reset()
+        for camera in self._depth_cameras.values():
+            camera.reset()
         self._offset_ns += from_seconds(back_s)
         self._now_ns = self._arrival_ns - self._offset_ns
         self._recorded_ns += self._last_ns - self._first_ns
@@ -435,6 +485,11 @@ def build_cue(config: FusionConfig, topic: str) -> Cue:
 def build_head_cue(config: FusionConfig, key: str, topic: str) -> Cue:
     """One of the preset's head cues for a camera's topic."""
     return CUES.build(config.head_cues[key], name=f"{topic.strip('/')}/{key}", frames=config.frames)
+
+
+def build_rgbd_cue(config: FusionConfig, key: str, topic: str) -> Cue:
+    """One of the preset's RGB-D cues for a depth camera's topic."""
+    return CUES.build(config.rgbd_cues[key], name=f"{topic.strip('/')}/{key}", frames=config.frames)
 
 
 def _is_static(topic: Topic) -> bool:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections import Counter
 from dataclasses import dataclass
-from typing import Any, Dict, Optional, Tuple
+from typing import Any, Dict, Tuple
 
-import cv2
 import numpy as np
 import rospy
 from sensor_msgs.msg import CompressedImage, PointCloud2
@@ -35,7 +33,6 @@ from people_fusion.ros.node import Node, run
 from people_fusion.tracking.fusion import FusionConfig
 
 NO_COLOUR = "depth image without a colour image of its time"
-OTHER_PIXELS = "colour image of other pixels than the depth image"
 WRONG_FLOOR = "floor is not where the transform tells"
 WRONG_FLOOR_STDS = 2.0  # of what the transform is good for
 
@@ -119,7 +116,7 @@ class RgbdCues(CameraCues):
         is_seen, is_walked_around = picture.get_num_connections() > 0, points.get_num_connections() > 0
         needs_colour = isinstance(cue, RgbdCue) and cue.config.colour
         if image.colour is None and (needs_colour or is_seen or is_walked_around):
-            image = dataclasses.replace(image, colour=self._colour(cue, image, needs_colour))
+            image = self._coloured(cue, image, needs_colour)
         former = getattr(cue, "look", None)
         super().measure(waiting._replace(data=image))
         if not isinstance(cue, RgbdCue) or cue.look is None or cue.look is former:
@@ -160,21 +157,20 @@ class RgbdCues(CameraCues):
             camera = self.cameras[topic] = camera_of_points(points)
         return camera
 
-    def _colour(self, cue: Cue, image: DepthImage, is_needed: bool) -> Optional[np.ndarray]:
-        """(H, W, 3) the pixels that go with a depth image, as far as there are any."""
+    def _coloured(self, cue: Cue, image: DepthImage, is_needed: bool) -> DepthImage:
+        """A depth image with the colours that go with it, as far as there are any."""
         colours = self._colours.get(self._topics[cue.name])
         if colours is None:
-            return None
+            return image
         message = colours.at(image.stamp_ns)
         if message is None:
-            if is_needed:
-                self._counts[NO_COLOUR] += 1
-            return None
+            self._counts[NO_COLOUR] += is_needed
+            return image
         try:
-            return _fitting(pixels_from_msg(message), frame_from_msg(message.header.frame_id), image)
+            return image.coloured(pixels_from_msg(message), frame_from_msg(message.header.frame_id))
         except DataError as error:
             self.node.diagnostics.bad(error.reason, f"{cue.name}: {error}")
-            return None
+            return image
 
     def _note_floor(self, cue: RgbdCue, floor: Floor) -> None:
         self._floors[cue.name] = floor
@@ -197,22 +193,6 @@ class RgbdCues(CameraCues):
 def _tilt(floor: Floor) -> float:
     """Radians."""
     return math.atan(math.hypot(floor.plane[1], floor.plane[2]))
-
-
-def _fitting(pixels: np.ndarray, frame_id: str, image: DepthImage) -> np.ndarray:
-    """(H, W, 3) a colour image brought to the depth image's size.
-
-    Raises:
-        DataError: it is another camera's, or of another shape.
-    """
-    height, width = image.depths.shape
-    if frame_id != image.frame_id:
-        raise DataError(OTHER_PIXELS, f"{frame_id}, not {image.frame_id}")
-    if pixels.shape[0] * width != pixels.shape[1] * height:
-        raise DataError(OTHER_PIXELS, f"{pixels.shape[1]} x {pixels.shape[0]}, not {width} x {height}")
-    if pixels.shape[0] != height:
-        pixels = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
-    return cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR) if pixels.ndim == 2 else pixels
 
 
 def _build(settings: RgbdCueSettings, config: FusionConfig) -> Node:
