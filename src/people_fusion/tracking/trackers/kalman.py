@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Dict, Optional, Tuple
 
 import numpy as np
+from scipy.special import ndtr
 
 from people_fusion.association.gates import coarse_pairs
 from people_fusion.association.method import ASSIGNMENT_METHODS
@@ -39,6 +40,10 @@ from people_fusion.tracking.plausible import plausible
 from people_fusion.tracking.slow_errors import shared_errors, slow_errors
 from people_fusion.tracking.table import SHARED, TrackTable
 from people_fusion.tracking.tracker import TRACKERS, Tracker
+
+SITTING_HEAD, SITTING_SPREAD = 1.28, 0.06  # height of the heads of which half sit, and how soon that changes, metres
+SHAPELY = 0.5  # confidence from which a cue that sees whole people says that something is none but a person
+SURE_STDS = 2.0  # by which a head may be higher than it is believed to be
 
 
 @dataclass(frozen=True)
@@ -72,6 +77,9 @@ class KalmanConfig:
         "by modality: how far a body may be from where its detections are on average, by axis; slow, so that no filter"
         " may average it away: it is added to the output, metres",
         low=0.0,
+    )
+    sitting_stds: Dict[str, float] = parameter(
+        {}, "by modality, the same between detections and the head of who sits; a miss of theirs says little", low=0.0
     )
     gait_s: float = parameter(
         0.0, "the same along the way of who walks: by how many seconds a body is ahead of its legs or behind", low=0.0
@@ -229,9 +237,7 @@ class KalmanTracker(Tracker):
         self._state = _State(measurement.stamp_ns, table, state.shared_covariance)
         return duration_s, 0.0
 
-    def _update(
-        self, measurement: Measurement, age_s: float
-    ) -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def _update(self, measurement: Measurement, age_s: float) -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Assign, update and start tracks. Returns Evidence's matched, new, confidences and log_likelihoods."""
         self._take_shared_covariance(measurement)
         axes = np.flatnonzero(measurement.observed)
@@ -274,6 +280,8 @@ class KalmanTracker(Tracker):
     def _judge(self, evidence: Evidence) -> None:
         table = self._state.table
         moved = evidence.matched & (np.hypot(*(table.means[:, :2] - table.resting_place).T) > self.config.rest_distance)
+        if evidence.measurement.bodies is not None:  # who has a person's shape does not rest as furniture does
+            moved |= evidence.matched & ~evidence.new & (evidence.confidences > SHAPELY)
         if moved.any():
             table = dataclasses.replace(
                 table,
@@ -394,6 +402,7 @@ class KalmanTracker(Tracker):
             none = np.zeros(0, dtype=int)
             return _Pairs(none, none, np.zeros((0, size)), np.zeros((0, size, size)), np.zeros(0))
         predicted = table.means @ observation.T
+        leaning = np.array(measurement.observed)[axes] * self._sitting_variances(measurement)[:, None]
         detected = measurement.positions[:, axes]
         noises = measurement.covariances[:, axes[:, None], axes] + lag_noise
         spreads = observation @ table.covariances @ observation.T
@@ -402,7 +411,7 @@ class KalmanTracker(Tracker):
         factor = 2.0 if self._considers else 1.0
         bound = noises if shared is None else noises + factor * shared
         tracks, detections = coarse_pairs(
-            predicted, factor * _diagonals(spreads), detected, _diagonals(bound), self.config.gate
+            predicted, factor * _diagonals(spreads) + leaning, detected, _diagonals(bound), self.config.gate
         )
         innovations = detected[detections] - predicted[tracks]
         if self._considers:
@@ -416,6 +425,7 @@ class KalmanTracker(Tracker):
             )
         else:
             covariances = spreads[tracks] + bound[detections]
+        covariances = covariances + leaning[tracks, :, None] * np.eye(size)
         distances = mahalanobis_squared(innovations, covariances)
         inside = np.flatnonzero(distances <= self.config.gate)
         if self.config.cost == "likelihood":
@@ -428,9 +438,7 @@ class KalmanTracker(Tracker):
         chosen = inside[
             self._assignment.assign(tracks[inside], detections[inside], costs, (len(table), len(measurement)))
         ]
-        return _Pairs(
-            tracks[chosen], detections[chosen], innovations[chosen], covariances[chosen], distances[chosen]
-        )
+        return _Pairs(tracks[chosen], detections[chosen], innovations[chosen], covariances[chosen], distances[chosen])
 
     def _updated(
         self, measurement: Measurement, axes: np.ndarray, observation: np.ndarray, pairs: _Pairs
@@ -517,9 +525,18 @@ class KalmanTracker(Tracker):
 
     def _visible(self, measurement: Measurement) -> np.ndarray:
         table = self._state.table
-        if measurement.sight is None:
-            return np.ones(len(table))
-        return measurement.sight.visible(table.means[:, :2], self.config.body_half_width)
+        seen = np.ones(len(table))
+        if measurement.sight is not None:
+            seen = measurement.sight.visible(table.means[:, :2], self.config.body_half_width)
+        if measurement.modality in self.config.sitting_stds:
+            seen = seen * (1.0 - _sitting(table))
+        return seen
+
+    def _sitting_variances(self, measurement: Measurement) -> np.ndarray:
+        """(T,) of the way from a detection to the head of who sits, by axis."""
+        table = self._state.table
+        std = self.config.sitting_stds.get(measurement.modality, 0.0)
+        return std**2 * _sitting(table) if std > 0.0 else np.zeros(len(table))
 
     def _jacobians(self, measurement: Measurement, axes: np.ndarray) -> np.ndarray:
         """(N, m, 6) with respect to the shared error, zero where the measurement has no part in it."""
@@ -537,6 +554,12 @@ class KalmanTracker(Tracker):
         """(N, 3, 3) what each detection adds to the output."""
         offset = self.config.offset_stds.get(measurement.modality, 0.0)
         return slow_errors(measurement, offset, not self._considers)
+
+
+def _sitting(table: TrackTable) -> np.ndarray:
+    """(T,) probability that their heads are surely as low as those of who sits; 0 where nobody has seen a head."""
+    highest = table.means[:, 2] + SURE_STDS * np.sqrt(table.covariances[:, 2, 2])
+    return np.asarray(ndtr((SITTING_HEAD - highest) / SITTING_SPREAD))
 
 
 def _diagonals(matrices: np.ndarray) -> np.ndarray:
