@@ -14,11 +14,11 @@ pytest.importorskip("people_fusion.msg", reason="the messages are not built; too
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2, PointField
 
 from people_fusion.core.camera_models import Pinhole
-from people_fusion.core.depth_images import DepthImage
+from people_fusion.core.depth_images import OTHER_PIXELS, DepthImage
 from people_fusion.core.errors import DataError
 from people_fusion.ros.clouds import cloud_from_msg, cloud_to_msg
 from people_fusion.ros.images import camera_from_msg, depths_from_msg, pixels_from_msg, same_camera
-from people_fusion.ros.rgbd_cue_node import OTHER_PIXELS, RgbdCues, _fitting
+from people_fusion.ros.rgbd_cue_node import RgbdCues
 
 RNG = np.random.default_rng(5)
 MILLIMETRES = RNG.integers(500, 6000, (12, 16)).astype(np.uint16)
@@ -100,14 +100,14 @@ def test_the_camera_of_images_stays_the_same_object_until_something_changes() ->
 
 @pytest.mark.parametrize("shape", [(240, 320, 3), (480, 640, 3), (240, 320)])
 def test_colour_is_brought_to_the_size_of_the_depths(shape: Any) -> None:
-    fitted = _fitting(np.full(shape, 90, dtype=np.uint8), "kinect", depth_image())
+    fitted = depth_image().coloured(np.full(shape, 90, dtype=np.uint8), "kinect").colour
     assert fitted.shape == (240, 320, 3) and (fitted == 90).all()
 
 
 @pytest.mark.parametrize("shape, frame_id", [((200, 320, 3), "kinect"), ((240, 320, 3), "rgb")])
 def test_colour_of_other_pixels_is_refused(shape: Any, frame_id: str) -> None:
     with pytest.raises(DataError, match=OTHER_PIXELS):
-        _fitting(np.zeros(shape, dtype=np.uint8), frame_id, depth_image())
+        depth_image().coloured(np.zeros(shape, dtype=np.uint8), frame_id)
 
 
 def depth_image() -> DepthImage:

@@ -18,13 +18,14 @@ from graph import DiagnosticListener, wait_for_subscribers, wait_until
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2, PointField
 from tf2_msgs.msg import TFMessage
 
+from people_fusion.core.depth_images import OTHER_PIXELS
 from people_fusion.core.measurements import Measurement
 from people_fusion.core.stamps import to_seconds
 from people_fusion.msg import DetectedPersons, MeasurementAnnouncement
 from people_fusion.ros.camera_cues import BUSY, UNCALIBRATED, UNSTAMPED
 from people_fusion.ros.conversions import measurement_from_msg, pose_to_msg, stamp_from_msg
 from people_fusion.ros.images import image_to_msg
-from people_fusion.ros.rgbd_cue_node import NO_COLOUR, OTHER_PIXELS, WRONG_FLOOR
+from people_fusion.ros.rgbd_cue_node import NO_COLOUR, WRONG_FLOOR
 
 NODE, FRAME = "rgbd_cues", "kinect_optical"
 DEPTHS, INFO, COLOUR = (
