@@ -16,8 +16,9 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2, Poi
 from people_fusion.core.camera_models import Pinhole
 from people_fusion.core.depth_images import OTHER_PIXELS, DepthImage
 from people_fusion.core.errors import DataError
+from people_fusion.core.pixels import depths_of, pixels_of
 from people_fusion.ros.clouds import cloud_from_msg, cloud_to_msg
-from people_fusion.ros.images import camera_from_msg, depths_from_msg, pixels_from_msg, same_camera
+from people_fusion.ros.images import camera_from_msg, same_camera
 from people_fusion.ros.rgbd_cue_node import RgbdCues
 
 RNG = np.random.default_rng(5)
@@ -47,7 +48,7 @@ def test_depths_come_from_images_and_compressed_ones_alike(encoding: str) -> Non
     if encoding == "compressed":
         data = cv2.imencode(".png", MILLIMETRES)[1].tobytes()
         message = CompressedImage(format="16UC1; compressedDepth", data=bytes(12) + data)
-    np.testing.assert_allclose(depths_from_msg(message), MILLIMETRES / 1000.0, rtol=1e-6)
+    np.testing.assert_allclose(depths_of(message), MILLIMETRES / 1000.0, rtol=1e-6)
 
 
 def test_a_coloured_cloud_is_what_rviz_reads() -> None:
@@ -120,4 +121,4 @@ def test_pixels_come_from_raw_and_compressed_images() -> None:
     raw = Image(height=12, width=16, step=48, encoding="bgr8", data=pixels.tobytes())
     png = CompressedImage(format="png", data=cv2.imencode(".png", pixels)[1].tobytes())
     for message in (raw, png):
-        np.testing.assert_array_equal(pixels_from_msg(message), pixels)
+        np.testing.assert_array_equal(pixels_of(message), pixels)

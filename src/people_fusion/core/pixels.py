@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from typing import Dict, Tuple
+from typing import Any, Dict, Tuple
 
 import numpy as np
 
@@ -43,18 +43,10 @@ def raw_pixels(height: int, width: int, step: int, encoding: str, big_endian: bo
     Raises:
         DataError: no pixels, an encoding that is not known, or less data than rows of `step` bytes need.
     """
-    if height < 1 or width < 1 or height * width > LARGEST:
-        raise DataError(MISFIT, f"{width} x {height}")
     if encoding not in _ENCODINGS:
         raise DataError(UNKNOWN, repr(encoding))
     size, channels, conversion = _ENCODINGS[encoding]
-    row = width * channels * size
-    flat = np.frombuffer(data, dtype=np.uint8)
-    if step < row or len(flat) < step * (height - 1) + row:
-        raise DataError(MISFIT, f"{width} x {height} {encoding}, {step} bytes a row, {len(flat)} in all")
-    if len(flat) < step * height:  # the last row need not be filled up
-        flat = np.concatenate([flat, np.zeros(step * height - len(flat), dtype=np.uint8)])
-    rows = flat[: step * height].reshape(height, step)[:, :row]
+    rows = _rows(height, width, step, encoding, channels * size, data)
     if size == 2:
         return np.ascontiguousarray(rows[:, 0 if big_endian else 1 :: 2])  # the upper half is what the eye sees
     pixels = np.ascontiguousarray(rows).reshape((height, width) if channels == 1 else (height, width, channels))
@@ -89,19 +81,10 @@ def raw_depths(height: int, width: int, step: int, encoding: str, big_endian: bo
     Raises:
         DataError: no pixels, an encoding that holds no depths, or less data than rows of `step` bytes need.
     """
-    if height < 1 or width < 1 or height * width > LARGEST:
-        raise DataError(MISFIT, f"{width} x {height}")
     if encoding not in _DEPTHS:
         raise DataError(NO_DEPTHS, repr(encoding))
     kind = np.dtype((">" if big_endian else "<") + _DEPTHS[encoding])
-    row = width * kind.itemsize
-    flat = np.frombuffer(data, dtype=np.uint8)
-    if step < row or len(flat) < step * (height - 1) + row:
-        raise DataError(MISFIT, f"{width} x {height} {encoding}, {step} bytes a row, {len(flat)} in all")
-    if len(flat) < step * height:  # the last row need not be filled up
-        flat = np.concatenate([flat, np.zeros(step * height - len(flat), dtype=np.uint8)])
-    pixels = np.ascontiguousarray(flat[: step * height].reshape(height, step)[:, :row]).view(kind)
-    return _metres(pixels)
+    return _metres(np.ascontiguousarray(_rows(height, width, step, encoding, kind.itemsize, data)).view(kind))
 
 
 def compressed_depths(encoding: str, data: bytes) -> np.ndarray:
@@ -130,6 +113,47 @@ def compressed_depths(encoding: str, data: bytes) -> np.ndarray:
         return _metres(pixels)
     with np.errstate(divide="ignore", invalid="ignore"):
         return _metres(np.where(pixels > 0, np.float32(a) / (pixels.astype(np.float32) - np.float32(b)), np.nan))
+
+
+def pixels_of(message: Any) -> np.ndarray:
+    """(H, W) grey or (H, W, 3) blue, green, red, uint8, of a sensor_msgs/Image or CompressedImage, live or recorded.
+
+    Raises:
+        DataError: it cannot be read.
+    """
+    return raw_pixels(*_fields(message)) if hasattr(message, "encoding") else compressed_pixels(message.data)
+
+
+def depths_of(message: Any) -> np.ndarray:
+    """(H, W) float32 metres, NaN where there is no return, of a sensor_msgs/Image or CompressedImage, live or recorded.
+
+    Raises:
+        DataError: it cannot be read.
+    """
+    if hasattr(message, "encoding"):
+        return raw_depths(*_fields(message))
+    return compressed_depths(message.format, message.data)
+
+
+def _fields(message: Any) -> Tuple[int, int, int, str, bool, bytes]:
+    return message.height, message.width, message.step, message.encoding, bool(message.is_bigendian), message.data
+
+
+def _rows(height: int, width: int, step: int, encoding: str, size: int, data: bytes) -> np.ndarray:
+    """(H, W * size) uint8 of pixels of so many bytes.
+
+    Raises:
+        DataError: no pixels, or less data than that.
+    """
+    if height < 1 or width < 1 or height * width > LARGEST:
+        raise DataError(MISFIT, f"{width} x {height}")
+    row = width * size
+    flat = np.frombuffer(data, dtype=np.uint8)
+    if step < row or len(flat) < step * (height - 1) + row:
+        raise DataError(MISFIT, f"{width} x {height} {encoding}, {step} bytes a row, {len(flat)} in all")
+    if len(flat) < step * height:  # the last row need not be filled up
+        flat = np.concatenate([flat, np.zeros(step * height - len(flat), dtype=np.uint8)])
+    return flat[: step * height].reshape(height, step)[:, :row]
 
 
 def _metres(pixels: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from people_fusion.core.errors import DataError
 from people_fusion.core.grids import OccupancyGrid
 from people_fusion.core.images import Image
 from people_fusion.core.measurements import Announcement, Measurement
-from people_fusion.core.pixels import compressed_depths, compressed_pixels, raw_depths, raw_pixels
+from people_fusion.core.pixels import depths_of, pixels_of
 from people_fusion.core.poses import Pose, UncertainPose
 from people_fusion.core.scans import Scan
 from people_fusion.core.stamps import join
@@ -83,21 +83,9 @@ def image(message: Any, model: Camera) -> Image:
         DataError: it has no stamp, cannot be read, or is not of the camera's size.
     """
     stamp_ns = _stamp_of_image(message)
-    shown = pixels(message)
+    shown = pixels_of(message)
     height, width = shown.shape[:2]
     return Image(stamp_ns, normalise_frame(message.header.frame_id), shown, model.resized(width, height))
-
-
-def pixels(message: Any) -> np.ndarray:
-    """(H, W) grey or (H, W, 3) blue, green, red, uint8, of a sensor_msgs/Image or CompressedImage.
-
-    Raises:
-        DataError: it cannot be read.
-    """
-    if hasattr(message, "encoding"):
-        shape = message.height, message.width, message.step
-        return raw_pixels(*shape, message.encoding, bool(message.is_bigendian), message.data)
-    return compressed_pixels(message.data)
 
 
 def depth_image(message: Any, model: Camera) -> DepthImage:
@@ -107,11 +95,7 @@ def depth_image(message: Any, model: Camera) -> DepthImage:
         DataError: it has no stamp, cannot be read, or is not of the camera's size.
     """
     stamp_ns = _stamp_of_image(message)
-    if hasattr(message, "encoding"):
-        shape = message.height, message.width, message.step
-        depths = raw_depths(*shape, message.encoding, bool(message.is_bigendian), message.data)
-    else:
-        depths = compressed_depths(message.format, message.data)
+    depths = depths_of(message)
     height, width = depths.shape
     return DepthImage(stamp_ns, normalise_frame(message.header.frame_id), depths, model.resized(width, height))
 

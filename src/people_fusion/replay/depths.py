@@ -11,6 +11,7 @@ from people_fusion.core.depth_images import DepthImage
 from people_fusion.core.errors import DataError
 from people_fusion.core.image_topics import is_rectified
 from people_fusion.core.pairing import NearestInTime
+from people_fusion.core.pixels import pixels_of
 from people_fusion.core.transforms import normalise_frame
 from people_fusion.replay import conversions
 from people_fusion.replay.cameras import DepthSource
@@ -61,7 +62,7 @@ class DepthCamera:
         message = self._colours.at(image.stamp_ns)
         if message is None:
             return image
-        return image.coloured(conversions.pixels(message), normalise_frame(message.header.frame_id))
+        return image.coloured(pixels_of(message), normalise_frame(message.header.frame_id))
 
     def reset(self) -> None:
         """Time has jumped."""

@@ -10,7 +10,7 @@ from sensor_msgs.msg import Image as ImageMsg
 from people_fusion.core.camera_info import camera_of
 from people_fusion.core.cameras import Camera
 from people_fusion.core.images import Image
-from people_fusion.core.pixels import compressed_depths, compressed_pixels, raw_depths, raw_pixels
+from people_fusion.core.pixels import pixels_of
 from people_fusion.ros.conversions import frame_from_msg, stamp_from_msg, stamp_to_msg
 
 
@@ -36,34 +36,10 @@ def image_from_msg(message: Any, camera: Camera) -> Image:
     Raises:
         DataError: it cannot be read, or is not of the camera's size.
     """
-    pixels = pixels_from_msg(message)
+    pixels = pixels_of(message)
     height, width = pixels.shape[:2]
     frame_id = frame_from_msg(message.header.frame_id)
     return Image(stamp_from_msg(message.header.stamp), frame_id, pixels, camera.resized(width, height))
-
-
-def pixels_from_msg(message: Any) -> np.ndarray:
-    """(H, W) grey or (H, W, 3) blue, green, red, uint8, of a sensor_msgs/Image or CompressedImage.
-
-    Raises:
-        DataError: it cannot be read.
-    """
-    if hasattr(message, "encoding"):
-        shape = message.height, message.width, message.step
-        return raw_pixels(*shape, message.encoding, bool(message.is_bigendian), message.data)
-    return compressed_pixels(message.data)
-
-
-def depths_from_msg(message: Any) -> np.ndarray:
-    """(H, W) float32 metres, NaN where there is no return, of a sensor_msgs/Image or CompressedImage.
-
-    Raises:
-        DataError: it cannot be read.
-    """
-    if hasattr(message, "encoding"):
-        shape = message.height, message.width, message.step
-        return raw_depths(*shape, message.encoding, bool(message.is_bigendian), message.data)
-    return compressed_depths(message.format, message.data)
 
 
 def image_to_msg(pixels: np.ndarray, stamp_ns: int, frame_id: str) -> ImageMsg:

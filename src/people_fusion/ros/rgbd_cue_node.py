@@ -19,6 +19,7 @@ from people_fusion.core.errors import ConfigError, DataError
 from people_fusion.core.image_topics import camera_info_of, is_rectified, without_transport
 from people_fusion.core.organised_clouds import camera_of_points
 from people_fusion.core.pairing import NearestInTime
+from people_fusion.core.pixels import depths_of, pixels_of
 from people_fusion.cues.cue import Cue
 from people_fusion.cues.rgbd.drawing import annotated, coloured_cloud
 from people_fusion.cues.rgbd.floor import Floor
@@ -28,7 +29,7 @@ from people_fusion.ros.camera_cues import IMAGE_BUFFER, UNCALIBRATED, CameraCues
 from people_fusion.ros.clouds import cloud_from_msg, cloud_to_msg
 from people_fusion.ros.conversions import frame_from_msg, stamp_from_msg
 from people_fusion.ros.cues import Waiting
-from people_fusion.ros.images import depths_from_msg, image_to_msg, pixels_from_msg
+from people_fusion.ros.images import image_to_msg
 from people_fusion.ros.node import Node, run
 from people_fusion.tracking.fusion import FusionConfig
 
@@ -106,7 +107,7 @@ class RgbdCues(CameraCues):
         if hasattr(message, "point_step"):
             cloud = cloud_from_msg(message)
             return DepthImage(stamp_ns, frame_id, cloud.depths, self._camera_of(topic, cloud.points), cloud.colour)
-        depths = depths_from_msg(message)
+        depths = depths_of(message)
         return DepthImage(stamp_ns, frame_id, depths, self._resized(topic, *depths.shape))
 
     def measure(self, waiting: Waiting) -> None:
@@ -167,7 +168,7 @@ class RgbdCues(CameraCues):
             self._counts[NO_COLOUR] += is_needed
             return image
         try:
-            return image.coloured(pixels_from_msg(message), frame_from_msg(message.header.frame_id))
+            return image.coloured(pixels_of(message), frame_from_msg(message.header.frame_id))
         except DataError as error:
             self.node.diagnostics.bad(error.reason, f"{cue.name}: {error}")
             return image
