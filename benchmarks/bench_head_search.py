@@ -201,6 +201,7 @@ def main():
     default = Path(os.environ.get("PEOPLE_FUSION_DATA", Path(__file__).resolve().parents[2] / "shared/data"))
     parser.add_argument("--data", type=Path, default=default, help="directory of the recordings")
     parser.add_argument("--images", type=int, default=40, help="per camera (default: 40)")
+    parser.add_argument("--detectors", nargs="+", default=DETECTORS_COMPARED, metavar="NAME")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE")
     parser.add_argument("--picture", type=Path, metavar="FILE", help="write the first image of each camera")
@@ -217,7 +218,7 @@ def main():
         scenes = [make_scene(setting, people, folder, rng) for _ in range(arguments.images)]
         if arguments.picture:
             cv2.imwrite(str(arguments.picture.with_name(f"{camera}_{arguments.picture.name}")), scenes[0].pixels)
-        for name in DETECTORS_COMPARED:
+        for name in arguments.detectors:
             if name not in DETECTORS.names():
                 continue
             parameters = dict(FINEST.get(camera, {}).get(name, {}))
