@@ -5,7 +5,7 @@ Visits to a scenario with scanners and a camera are rendered, one picture every 
 with `ranges/scans` on and off, told the truth about where the robot is. A find belongs to the person the middle of
 whose head it covers, the best one only. Of heads whose distance the scanner changed: error along the ray, by size and
 with the scanner, mean and standard deviation; how many lie more than half a metre off; NEES, on average 3 where
-covariances are right, and the share within the ellipsoid of 95 %. The last row is of all heads.
+covariances are right, and the share within the ellipsoid of 95 %. The last rows are of all heads.
 """
 
 import os
@@ -15,13 +15,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import argparse
 import dataclasses
-import sys
-from pathlib import Path
 
 import numpy as np
 import yaml
 
-sys.path.insert(0, str(Path(__file__).parent))
 from people_fusion.core.config import parse
 from people_fusion.core.images import Image
 from people_fusion.core.poses import Pose
@@ -82,6 +79,9 @@ def looks(name, seed, pictures, every_s, parameters):
 
 def print_row(title, heads, truth):
     """One table row of heads (N)."""
+    if not len(truth):
+        print(f"  {title:18s}     0")
+        return
     errors = heads.positions - truth
     ahead = truth[:, :2] / np.linalg.norm(truth[:, :2], axis=1)[:, None]
     along = np.einsum("ni,ni->n", errors[:, :2], ahead)

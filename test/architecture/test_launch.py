@@ -105,6 +105,8 @@ def test_arguments_reach_every_node() -> None:
         assert found[f"/{node}/frames/base"] == "base"
     assert found["/leg_cue_front/scans"] == ["/scan"]
     assert found["/leg_cue_rear/scans"] == ["/r"]
+    found = parameters("people_fusion.launch scan_rear:=/r cameras:=[/camera/image_raw]")
+    assert found["/head_cue/scans"] == ["/scan", "/r"]
 
 
 def nested(parameters: Dict[str, object], node: str) -> Dict[str, Any]:
