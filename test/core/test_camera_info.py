@@ -43,3 +43,4 @@ def test_topics_tell_transport_and_rectification():
     assert without_transport("/kinect/depth/image_rect/compressedDepth") == "/kinect/depth/image_rect"
     assert camera_info_of("image_raw") == "camera_info"
     assert is_rectified("/head/rgb/image_rect_color/compressed") and not is_rectified("/head/rgb/image_raw")
+    assert is_rectified("/kinect2/sd/image_depth_rect") and not is_rectified("/rect/sd/image_depth")

@@ -50,6 +50,11 @@ def test_compressed_millimetres(header):
         np.testing.assert_allclose(found, METRES, rtol=1e-6)
 
 
+def test_a_kinect_2_sends_tiff():
+    tiff = cv2.imencode(".tif", MILLIMETRES)[1].tobytes()
+    np.testing.assert_allclose(compressed_depths("16UC1; tiff compressed", tiff), METRES, rtol=1e-6)
+
+
 def test_compressed_floats_are_undone_as_they_were_made():
     quantisation, farthest = 100.0, 10.0  # as compressed_depth_image_transport's encoder
     a, b = quantisation * (quantisation + 1.0), 1.0 - quantisation * (quantisation + 1.0) / farthest

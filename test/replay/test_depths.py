@@ -111,6 +111,35 @@ def test_of_one_sensor_the_registered_stream_is_taken(tmp_path):
     assert any(raw in note and "left out" in note for note in sources.notes)
 
 
+@pytest.mark.parametrize(
+    "sent, infos, taken",
+    [
+        (
+            ["/kinect2/hd/image_depth_rect", "/kinect2/qhd/image_depth_rect", "/kinect2/sd/image_depth_rect"],
+            ["/kinect2/hd/camera_info", "/kinect2/qhd/camera_info", "/kinect2/sd/camera_info"],
+            "/kinect2/sd/image_depth_rect",
+        ),
+        (["/kinect2/sd/image_ir", "/kinect2/sd/image_depth_rect"], ["/kinect2/sd/camera_info"],
+         "/kinect2/sd/image_depth_rect"),
+        (["/camera/ir/image_raw", "/camera/depth/image_raw"], ["/camera/ir/camera_info", "/camera/depth/camera_info"],
+         "/camera/depth/image_raw"),
+        (["/camera/depth/image_raw", "/camera/depth_registered/sw_registered/image_rect_raw"],
+         ["/camera/depth/camera_info", "/camera/depth_registered/sw_registered/camera_info"],
+         "/camera/depth_registered/sw_registered/image_rect_raw"),
+    ],
+)  # fmt: skip
+def test_sensors_that_send_their_depths_more_than_once_are_one(tmp_path, sent, infos, taken):
+    def change(event):
+        topic, arrival_ns, item = event
+        if isinstance(item, DepthPicture):
+            return [(name, arrival_ns, item) for name in sent]
+        return [(name, arrival_ns, item) for name in infos] if topic == camera_info_of(TOPIC) else [event]
+
+    _, sources, found = run(recorded(tmp_path / "a.bag", change, encoding="16UC1", duration_s=0.5))
+    assert [camera.name for camera in sources.depth_cameras] == [taken]
+    assert len(found) == 5
+
+
 def test_preset_without_rgbd_cues_takes_no_depths(tmp_path):
     config = load_config("poschmann_t1")
     with Recording(recorded(tmp_path / "a.bag")) as recording:

@@ -20,5 +20,5 @@ def camera_info_of(topic: str) -> str:
 
 
 def is_rectified(topic: str) -> bool:
-    """Whether image_proc has taken the distortion out."""
-    return without_transport(topic).rsplit("/", 1)[-1].startswith("image_rect")
+    """Whether the distortion has been taken out: image_rect_color of image_proc, image_color_rect of a Kinect 2."""
+    return "rect" in without_transport(topic).rsplit("/", 1)[-1].split("_")

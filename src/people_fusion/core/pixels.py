@@ -12,7 +12,7 @@ from people_fusion.core.errors import DataError
 UNKNOWN, MISFIT, UNREADABLE = "image of unknown encoding", "image whose data does not fit its size", "unreadable image"
 NO_DEPTHS = "image that holds no depths"
 LARGEST = 1 << 28  # pixels; more is a broken header
-PNG = b"\x89PNG"
+MAGIC = (b"\x89PNG", b"II*\0", b"MM\0*")  # PNG, TIFF
 DEPTH_HEADER = struct.Struct("<iff")  # of compressed_depth_image_transport: kind, and two numbers to undo it with
 
 # Bytes a channel, channels, and OpenCV's name of the conversion to grey or to blue, green, red.
@@ -88,20 +88,21 @@ def raw_depths(height: int, width: int, step: int, encoding: str, big_endian: bo
 
 
 def compressed_depths(encoding: str, data: bytes) -> np.ndarray:
-    """(H, W) float32 metres, NaN where there is no return, of a PNG of depths.
+    """(H, W) float32 metres, NaN where there is no return, of a PNG or TIFF of depths.
 
     Args:
-        encoding: `format` of the sensor_msgs/CompressedImage: "16UC1; compressedDepth", "32FC1; compressedDepth", ...
-        data: the PNG, with or without the header of compressed_depth_image_transport. In PNGs of 32FC1 are numbers n
+        encoding: `format` of the sensor_msgs/CompressedImage: "16UC1; compressedDepth", "32FC1; compressedDepth", ...;
+            "16UC1; tiff compressed" of a Kinect 2.
+        data: the file, with or without the header of compressed_depth_image_transport. In PNGs of 32FC1 are numbers n
             that grow with 1 / depth: depth = a / (n - b) with a and b in that header.
 
     Raises:
-        DataError: it is no PNG of depths, or damaged.
+        DataError: it is no picture of depths, or damaged.
     """
     import cv2
 
     size = DEPTH_HEADER.size
-    headed = len(data) > size and bytes(data[: len(PNG)]) != PNG
+    headed = len(data) > size and bytes(data[: len(MAGIC[0])]) not in MAGIC
     _, a, b = DEPTH_HEADER.unpack(bytes(data[:size])) if headed else (0, 0.0, 0.0)
     flat = np.frombuffer(data, dtype=np.uint8)[size if headed else 0 :]
     pixels = cv2.imdecode(flat, cv2.IMREAD_UNCHANGED) if len(flat) else None

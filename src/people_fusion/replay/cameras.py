@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any, Dict, FrozenSet, List, NamedTuple, Optional, Tuple
 
 from people_fusion.core.image_topics import COMPRESSED_DEPTH, camera_info_of, without_transport
@@ -10,6 +11,9 @@ from people_fusion.replay.recording import Recording, Topic
 
 DEPTHS = ("16UC1", "32FC1", "16uc1", "32fc1")
 REGISTERED = {"depth_registered": "depth", "aligned_depth_to_color": "depth"}  # what else drivers call the same depths
+PROCESSED = ("hw_registered", "sw_registered")  # by rgbd_launch
+SIZES = ("sd", "qhd", "hd")  # of a Kinect 2; the first is what it measures
+INFRARED = frozenset({"ir", "infra1", "infra2"})  # as 16UC1, too
 PREFERRED = ("image_rect_color", "image_rect", "image_color", "image_raw", "image_mono")
 
 
@@ -82,18 +86,21 @@ def find_cameras(
 def find_depth_cameras(recording: Recording, connected: FrozenSet[str]) -> Tuple[List[DepthSource], List[str]]:
     """One stream of depth images per sensor, in order of names, and notes on those that are left out; see find_cameras.
 
-    Of a sensor's streams a registered one is taken first, as colour belongs to it, then one that is not compressed.
+    Of a sensor's streams a registered one is taken first, as colour belongs to it, then the smallest of a Kinect 2's,
+    then one that is not compressed.
     """
     infos = {topic.name: topic for topic in recording.of_kind("CameraInfo")}
     found: Dict[str, DepthSource] = {}
     colours: Dict[str, Topic] = {}
     notes: List[str] = []
     topics = recording.of_kind("Image", "CompressedImage")
-    for topic in sorted(topics, key=lambda each: (_sensor(each)[1], *_rank(each), each.name)):
+    for topic in sorted(topics, key=lambda each: (*_sensor(each)[1:], *_rank(each), each.name)):
         first = next(iter(recording.messages([topic]))).read()
         frame_id = normalise_frame(first.header.frame_id)
         info = infos.get(camera_info_of(topic.name))
         sensor = _sensor(topic)[0]
+        if _is_infrared(topic):
+            continue
         if not _is_depth(topic, first):
             colours.setdefault(frame_id, topic)
         elif sensor in found:
@@ -108,14 +115,22 @@ def find_depth_cameras(recording: Recording, connected: FrozenSet[str]) -> Tuple
 
 
 def _is_depth(topic: Topic, first: Any) -> bool:
-    """Whether the first message of a topic, and so all of them, is a depth image."""
-    return topic.name.endswith(COMPRESSED_DEPTH) or getattr(first, "encoding", "") in DEPTHS
+    """Whether the first message of a topic, and so all of them, is a depth image, or an infrared one like that."""
+    encoding = getattr(first, "encoding", "") or getattr(first, "format", "").split(";")[0]
+    return topic.name.endswith(COMPRESSED_DEPTH) or encoding in DEPTHS
 
 
-def _sensor(topic: Topic) -> Tuple[str, bool]:
-    """What a sensor's streams of depth have in common, and whether this one is not brought to the colour's pixels."""
+def _is_infrared(topic: Topic) -> bool:
+    return bool(INFRARED & set(re.split("[/_]", topic.name)))
+
+
+def _sensor(topic: Topic) -> Tuple[str, bool, int]:
+    """What a sensor's streams of depth have in common; whether this one is not brought to the colour's pixels, and
+    which of its sizes it has."""
     names = camera_info_of(topic.name).split("/")[:-1]
-    return "/".join(REGISTERED.get(name, name) for name in names), not set(names) & set(REGISTERED)
+    size = next((SIZES.index(name) for name in names if name in SIZES), 0)
+    shared = [REGISTERED.get(name, name) for name in names if name not in (*SIZES, *PROCESSED)]
+    return "/".join(shared), not set(names) & set(REGISTERED), size
 
 
 def _rank(topic: Topic) -> Tuple[int, int]:

@@ -44,7 +44,7 @@ class HeadCueSettings:
     """The head cue node's own parameters."""
 
     images: Tuple[str, ...] = parameter(
-        (topics.IMAGE,), "topics of the cameras; compressed where they end so, rectified where image_rect is in them"
+        (topics.IMAGE,), "topics of the cameras; compressed where they end so, rectified where they are called so"
     )
     camera_infos: Tuple[str, ...] = parameter((), "their camera_info, in the same order; empty: beside the images")
     scans: Tuple[str, ...] = parameter((topics.SCAN,), "topics of the scanners, for head cues with `ranges/scans`")

@@ -43,7 +43,7 @@ class RgbdCueSettings:
     """The RGB-D cue node's own parameters."""
 
     depths: Tuple[str, ...] = parameter(
-        (), "topics of depth images; compressed where they end so, rectified where image_rect is in them"
+        (), "topics of depth images; compressed where they end so, rectified where they are called so"
     )
     camera_infos: Tuple[str, ...] = parameter((), "their camera_info, in the same order; empty: beside the images")
     colours: Tuple[str, ...] = parameter(
