@@ -5,7 +5,8 @@ Rooms with people who stand before a camera and look about are rendered (docs/ca
 the middle of whose head it covers, the best one only; all others are false. At that person's true distance the find's
 box spans so many metres, its middle is so far below the head, so far to the side: means and standard deviations of that
 are what `box` of the detector's config wants to know. NEES is that of the head in space, on average 3 where covariances
-are right: with the config's box, and with the measured one; beside it the share of heads within the ellipsoid of 95 %.
+are right: with the config's box, and with the measured one, which knows no doubt; beside it the share of heads within
+the ellipsoid of 95 %.
 
 Recall is that of heads of so many pixels and more, nine tenths of which are visible: of faces turned away by half a
 radian at most, and of all. With --ground images are searched as the cue does, where people on the floor may be seen.
@@ -36,7 +37,7 @@ from people_fusion.simulation.simulator import BASE_HEIGHT, Simulation
 PLAIN, FRONTAL = 0.9, 0.5  # share, radians
 LOOKS = 4  # pictures of the same people, who look about
 MUSEUM = "museum_cameras"
-VISITS, VISIT_S = 15, 3.0  # pictures of one visit to the museum, and the time from one to the next
+VISITS, VISIT_S = 15, 3.0  # pictures of one run of a scenario, and the time from one to the next
 RATIOS = (0.4, 12.0)  # of a find's height and the head's
 ELLIPSE = 7.815  # chi-square of 3 degrees of freedom, 95 %
 CAMERAS = {
@@ -71,12 +72,14 @@ def scenario(camera, rng):
 
 def rendered(camera, count, seed):
     """Pairs of picture and simulated camera."""
-    if camera == MUSEUM:
+    if camera not in CAMERAS:
+        config = load_scenario(camera)
+        cameras = config.cameras or load_scenario(MUSEUM).cameras
+        config = dataclasses.replace(config, cameras=cameras, duration_s=VISITS * VISIT_S + 1.0)
         for number in range(count):
             visit, place = divmod(number, VISITS)
             if not place:
-                scenes = dataclasses.replace(load_scenario(MUSEUM), duration_s=VISITS * VISIT_S + 1.0)
-                simulation = Simulation(scenes, seed + visit)
+                simulation = Simulation(config, seed + visit)
             yield simulation.cameras[0].picture(simulation.history, 1.0 + VISIT_S * place, 0), simulation.cameras[0]
         return
     rng = np.random.default_rng(seed)
@@ -111,9 +114,9 @@ def spans(corners, camera, level, positions):
     return np.column_stack([distance * (top - bottom), head[:, 2] - distance * 0.5 * (top + bottom), aside])
 
 
-def nees(corners, camera, level, positions, box):
+def nees(corners, camera, level, positions, box, confidences):
     """(N,) of heads in space."""
-    found = heads_of_boxes(corners, camera, level, box)
+    found = heads_of_boxes(corners, camera, level, box, confidences)
     errors = found.positions - positions @ level.T
     return np.einsum("ni,nij,nj->n", errors, np.linalg.inv(found.covariances), errors)
 
@@ -130,7 +133,7 @@ def searched(image, config, box, by_ground):
 def measure(name, parameters, pictures, by_ground, least):
     """Print what one detector makes of the pictures."""
     detector = DETECTORS.build(parse(DETECTORS.config_of(name, name), parameters))
-    corners, positions, frontal, everybody, false, busy = [], [], [], [], 0, 0.0
+    corners, confidences, positions, frontal, everybody, false, busy = [], [], [], [], [], 0, 0.0
     for picture, simulated in pictures:
         image = Image(0, picture.config.frame, picture.pixels, simulated.camera)
         began = time.process_time()
@@ -148,9 +151,10 @@ def measure(name, parameters, pictures, by_ground, least):
         everybody.extend(found[wanted])
         frontal.extend(found[wanted & (np.abs(picture.heads.yaws) <= FRONTAL)])
         corners.append(boxes.corners[rows >= 0])
+        confidences.append(boxes.confidences[rows >= 0])
         positions.append(picture.heads.positions[rows[rows >= 0]])
     camera, level = simulated.camera, picture.config.level_from_camera
-    corners, positions = np.concatenate(corners), np.concatenate(positions)
+    corners, confidences, positions = (np.concatenate(each) for each in (corners, confidences, positions))
     print(f"{name}: {len(frontal)} frontal heads, {100 * np.mean(frontal):.0f} % found; {len(everybody)} of all, "
           f"{100 * np.mean(everybody):.0f} %; {false / len(pictures):.2f} false an image; "
           f"{1e3 * busy / len(pictures):.0f} ms an image")
@@ -158,13 +162,14 @@ def measure(name, parameters, pictures, by_ground, least):
         return
     held = spans(corners, camera, level, positions)
     right = np.abs(held[:, 0] / np.median(held[:, 0]) - 1.0) < 0.6  # others hold something else
-    corners, positions, held = corners[right], positions[right], held[right]
+    corners, confidences, positions, held = (each[right] for each in (corners, confidences, positions, held))
     mean, std = held.mean(axis=0), held.std(axis=0)
-    measured = BoxConfig(*(float(value) for value in (mean[0], std[0], mean[1], std[1], np.hypot(mean[2], std[2]))))
+    across = np.hypot(mean[2], std[2])
+    measured = BoxConfig(*(float(value) for value in (mean[0], std[0], mean[1], std[1], across)))
     print(f"  measured: height {mean[0]:.3f} +- {std[0]:.3f}, head_above {mean[1]:.3f} +- {std[1]:.3f}, "
           f"across {std[2]:.3f} (mean {mean[2]:.3f})")
     for title, box in (("config", detector.box), ("measured", measured)):
-        values = nees(corners, camera, level, positions, box)
+        values = nees(corners, camera, level, positions, box, confidences)
         print(f"  NEES of 3 with the box of {title}: mean {np.mean(values):.2f}, median {np.median(values):.2f} "
               f"(honest 2.37), within 95 %: {100 * np.mean(values < ELLIPSE):.0f} %")
 
@@ -173,7 +178,8 @@ def main():
     """Entry."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("detectors", nargs="*", default=["haar_face", "haar_upper_body"])
-    parser.add_argument("--camera", choices=sorted([*CAMERAS, MUSEUM]), default="pinhole")
+    parser.add_argument("--camera", default="pinhole",
+                        help=f"{', '.join(CAMERAS)}, or a scenario; one without cameras gets the museum's panorama")
     parser.add_argument("--ground", action="store_true", help="look where people on the floor may be seen only")
     parser.add_argument("--least", type=float, default=40.0, help="height of heads that should be found, pixels")
     parser.add_argument("--images", type=int, default=60)
@@ -181,7 +187,10 @@ def main():
     parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="parameters of all the detectors")
     options = parser.parse_args()
     parameters = {key: yaml.safe_load(value) for key, value in (each.split("=", 1) for each in options.set)}
-    pictures = list(rendered(options.camera, options.images, options.seed))
+    try:
+        pictures = list(rendered(options.camera, options.images, options.seed))
+    except PeopleFusionError as error:
+        parser.error(str(error))
     for name in options.detectors:
         try:
             measure(name, parameters, pictures, options.ground, options.least)

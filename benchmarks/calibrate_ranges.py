@@ -73,7 +73,7 @@ def looks(name, seed, pictures, every_s, parameters):
         first = holds & (holds.cumsum(axis=0) == 1)  # boxes come with the best first
         found, head = np.nonzero(first & (first.cumsum(axis=1) == 1))
         rows = np.flatnonzero(kept)[found]
-        size = heads_of_boxes(look.boxes.corners[rows], camera.camera, level, box)
+        size = heads_of_boxes(look.boxes.corners[rows], camera.camera, level, box, look.boxes.confidences[rows])
         yield size, type(size)(*(each[rows] for each in look.heads)), picture.heads.positions[head] @ level.T
 
 

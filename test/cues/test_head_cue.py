@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from camera_scenes import SECOND, Ideal, Told, ToldConfig, boxes_of, image, tilted
@@ -81,6 +83,15 @@ def test_covariance_is_that_of_people_and_boxes_as_they_vary(box):
     nees = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(found.covariances), errors)
     assert 2.7 < nees.mean() < 3.4
     assert 0.92 < (nees < chi2.ppf(0.95, 3)).mean() < 0.97
+
+
+def test_finds_in_doubt_are_as_much_wider_as_the_box_says():
+    box, corners = dataclasses.replace(FACE, doubt=3.0), np.array([[300.0, 200.0, 340.0, 240.0]] * 2)
+    found = heads_of_boxes(corners, CAMERA, tilted(0.0, 0.0), box, np.array([1.0, 0.5]))
+    np.testing.assert_allclose(found.positions[0], found.positions[1])
+    np.testing.assert_allclose(found.covariances[1], 2.5**2 * found.covariances[0])
+    sure = heads_of_boxes(corners, CAMERA, tilted(0.0, 0.0), box)
+    np.testing.assert_allclose(sure.covariances, found.covariances[[0, 0]])
 
 
 def test_box_that_cannot_be_is_no_head():

@@ -176,7 +176,7 @@ def test_detector_finds_what_the_pyramid_finds(model, detector):
     expected = detect(model, pixels, 32, 200, THRESHOLD)
     np.testing.assert_allclose(found.corners, expected.corners, atol=1e-3)
     np.testing.assert_allclose(found.scores, expected.scores, atol=1e-4)
-    assert detector.part == "head" and detector.box.height == pytest.approx(0.24)
+    assert detector.part == "head" and detector.box.height == pytest.approx(0.245)
 
 
 def test_detector_tells_only_what_is_searched_for(detector):

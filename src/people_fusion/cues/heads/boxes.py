@@ -19,6 +19,11 @@ class BoxConfig:
     head_above: float = parameter(0.0, "middle of the head over the middle of the box, metres", -2.0, 2.0)
     head_above_std: float = parameter(0.03, "of that, metres", low=1e-3)
     across_std: float = parameter(0.04, "of the head sideways of the box's middle, metres", low=1e-3)
+    doubt: float = parameter(0.0, "all of these are 1 + doubt (1 - confidence) times as large", low=0.0)
+
+    def widths(self, confidences: np.ndarray) -> np.ndarray:
+        """(N,) factors of the standard deviations, of finds with confidences (N,)."""
+        return np.asarray(1.0 + self.doubt * (1.0 - confidences))
 
 
 class Boxes(NamedTuple):

@@ -143,7 +143,7 @@ class HeadCue(Cue):
         if moves:
             self.look = None
             raise NotLooked(f"{self.name}: the camera moves")
-        heads = heads_of_boxes(boxes.corners, data.camera, rotation, self._detector.box)
+        heads = heads_of_boxes(boxes.corners, data.camera, rotation, self._detector.box, boxes.confidences)
         kept = self._plausible(boxes, heads, height)
         if self.notes:
             fixed, stamp_ns = request.target_frame, data.stamp_ns

@@ -7,7 +7,7 @@ d (tan a - tan b) high.
 
 from __future__ import annotations
 
-from typing import NamedTuple, Tuple
+from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from people_fusion.cues.heads.detector import Search
 
 COLUMNS = 9  # across the image, at which the rows of a search are taken
 SLACK = 2.0  # standard deviations
+SEARCHED = 0.9  # confidence of the finds whose sizes are searched
 
 
 class Heads(NamedTuple):
@@ -31,17 +32,25 @@ class Heads(NamedTuple):
     covariances: np.ndarray
 
 
-def heads_of_boxes(corners: np.ndarray, camera: Camera, level_from_camera: np.ndarray, box: BoxConfig) -> Heads:
+def heads_of_boxes(
+    corners: np.ndarray,
+    camera: Camera,
+    level_from_camera: np.ndarray,
+    box: BoxConfig,
+    confidences: Optional[np.ndarray] = None,
+) -> Heads:
     """Middles of the heads whose parts are in boxes (N, 4).
 
     The distance follows from the box's height and that of what it holds, and is as uncertain in proportion, wide along
-    the ray (Volkhardt 2013, III-B). Errors of a box grow with it, so that sideways and up they are metres.
+    the ray (Volkhardt 2013, III-B). Errors of a box grow with it, so that sideways and up they are metres. Boxes of
+    finds in doubt are worse ones: too large, too small or beside what they should hold (docs/cameras.md).
 
     Args:
         corners: (N, 4) as Boxes.corners.
         camera: that took the image.
         level_from_camera: (3, 3) rotation.
         box: what the boxes hold.
+        confidences: (N,) as Boxes.confidences; None: all sure.
     """
     columns = 0.5 * (corners[:, 0] + corners[:, 2]) - 0.5  # corners are edges of pixels, rays go through their middles
     rows = np.stack([corners[:, 1], corners[:, 3], 0.5 * (corners[:, 1] + corners[:, 3])]) - 0.5
@@ -60,6 +69,8 @@ def heads_of_boxes(corners: np.ndarray, camera: Camera, level_from_camera: np.nd
     along_std = distances * box.height_std / box.height
     covariances = _outer(along_std[:, None] * ahead) + box.across_std**2 * _outer(aside)
     covariances[:, 2, 2] += box.head_above_std**2
+    if confidences is not None:
+        covariances *= box.widths(confidences)[:, None, None] ** 2
     return Heads(positions, covariances)
 
 
@@ -101,7 +112,7 @@ def ground_search(
         low, high = np.nanmin(rows), np.nanmax(rows)
         if high < 0.0 or low > camera.height - 1.0:
             continue
-        spread = 1.0 + SLACK * box.height_std / box.height
+        spread = _spread(box)
         corners.append([0.0, max(low, 0.0), float(camera.width), min(high, float(camera.height))])
         heights.append([float(np.nanmin(tall)) / spread, float(np.nanmax(tall)) * spread])
     return Search(np.array(corners).reshape(-1, 4), np.array(heights).reshape(-1, 2))
@@ -112,7 +123,7 @@ def search_around(
 ) -> Search:
     """Where the boxes of people are whose heads (P, 3) with covariances (P, 3, 3) are believed to be, as `Heads` has
     them."""
-    spread = 1.0 + SLACK * box.height_std / box.height
+    spread = _spread(box)
     half = 0.5 * box.height
     middles = heads - [0.0, 0.0, box.head_above]
     pixels, top, bottom = (
@@ -131,6 +142,11 @@ def search_around(
     if not camera.wraps:
         inside &= (corners[:, 2] > 0.0) & (corners[:, 0] < camera.width)
     return Search(corners[inside], heights[inside])
+
+
+def _spread(box: BoxConfig) -> float:
+    """By what factor boxes of one distance may be higher or lower than usual."""
+    return 1.0 + SLACK * float(box.widths(np.array(SEARCHED))) * box.height_std / box.height
 
 
 def _stacks(

@@ -29,7 +29,9 @@ class FhogHeadConfig:
     enlarge: float = parameter(1.0, "of the image at most, for heads of fewer rows than the model has", 1.0, 4.0)
     layers: int = parameter(LAYERS, "scales an octave; more find sizes between at more cost", 1, 16)
     box: BoxConfig = section(
-        lambda: BoxConfig(height=0.24, height_std=0.027, head_above=-0.01, head_above_std=0.013, across_std=0.011),
+        lambda: BoxConfig(
+            height=0.245, height_std=0.018, head_above=-0.01, head_above_std=0.01, across_std=0.008, doubt=4.0
+        ),
         "what a box holds",
     )
 
