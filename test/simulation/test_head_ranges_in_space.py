@@ -70,7 +70,7 @@ def test_scanners_make_heads_better_and_as_sure_as_they_say():
     assert changed.sum() > 40 and changed.mean() > 0.4
     errors = (positions - truth)[changed]
     nees = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(covariances[changed]), errors)
-    # Visitors who look at the robot are found better than all others, whom the box's errors allow for (docs/cameras.md).
+    # Who looks at the robot is found better than all others, whom the errors of boxes allow for (docs/cameras.md).
     assert 0.3 * DIMENSION < nees.mean() < 2.0 * DIMENSION
     by_size, by_legs = (np.hypot(*(each - truth)[changed, :2].T) for each in (size, positions))
     assert np.sqrt((by_legs**2).mean()) < 0.75 * np.sqrt((by_size**2).mean())
